@@ -1,0 +1,1 @@
+"""Geometry of point clouds on numpy arrays: no network, no schema, no process."""
