@@ -1,0 +1,1 @@
+"""What travels between the processes of zsight: messages, their bytes, their keys, their errors."""

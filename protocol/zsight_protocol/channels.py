@@ -1,0 +1,171 @@
+"""The channel table: every key, what travels on it, and how it is delivered. All else derives from it."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import TYPE_CHECKING
+
+from zsight_protocol.action import CancelRequest, GoalStatusList, Update
+from zsight_protocol.camera_info import CameraInfo
+from zsight_protocol.errors import KeyNameError
+from zsight_protocol.find_object import FindObjectGoal, FindObjectResult
+from zsight_protocol.geometry import Plane, TransformList
+from zsight_protocol.health import Health
+from zsight_protocol.object_type import CatalogRequest
+from zsight_protocol.point_cloud import PointCloud2
+
+if TYPE_CHECKING:
+    from zsight_protocol.message import Message
+
+__all__ = ["CHANNELS", "DEFAULT_NAMESPACE", "Cell", "Channel", "Delivery", "channel_of", "require_name"]
+
+DEFAULT_NAMESPACE = "zsight"
+
+
+class Delivery(StrEnum):
+    """What a reader may count on."""
+
+    LATEST = "latest"  # only the newest matters: a slow reader never queues and never slows a writer
+    EVERY = "every"  # in order, none lost silently
+    LATCHED = "latched"  # a late joiner gets the last value at once
+    REQUEST = "request"  # a question that somebody answers
+    TOKEN = "token"  # noqa: S105  a liveliness token, not a secret
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One row: the key behind the namespace (``*`` stands for a name), its message, its delivery."""
+
+    pattern: str
+    message: type[Message] | None
+    delivery: Delivery
+
+
+CHANNELS = (
+    Channel("*/points", PointCloud2, Delivery.LATEST),
+    Channel("*/points/voxel", PointCloud2, Delivery.LATEST),
+    Channel("*/camera_info", CameraInfo, Delivery.LATCHED),
+    Channel("*/selected_points", PointCloud2, Delivery.EVERY),
+    Channel("*/plane", Plane, Delivery.LATEST),
+    Channel("*/plane/points", PointCloud2, Delivery.LATEST),
+    Channel("tf", TransformList, Delivery.EVERY),
+    Channel("tf_static", TransformList, Delivery.LATCHED),
+    Channel("find_object/*", FindObjectGoal, Delivery.REQUEST),
+    Channel("find_object/*/cancel", CancelRequest, Delivery.REQUEST),
+    Channel("find_object/*/status", GoalStatusList, Delivery.LATCHED),
+    Channel("find_object/*/feedback", Update[FindObjectResult], Delivery.EVERY),
+    Channel("catalog/*", CatalogRequest, Delivery.REQUEST),
+    Channel("@health/*/*", Health, Delivery.LATEST),
+    Channel("@alive/*/*", None, Delivery.TOKEN),
+)
+
+_NAME = re.compile(r"[a-z0-9_][a-z0-9_.-]*")
+
+
+def require_name(name: str, what: str) -> str:
+    """The name, where it can stand in a key.
+
+    Raises:
+        KeyNameError: it cannot.
+    """
+    if not _NAME.fullmatch(name):
+        raise KeyNameError(
+            f"{what} is {name!r}; expected lower-case letters, digits, '_', '-' and '.', such as 'kinect'"
+        )
+    return name
+
+
+def channel_of(key: str, namespace: str) -> Channel:
+    """The row that a key belongs to.
+
+    Raises:
+        KeyNameError: the key is in no row, or not in the namespace.
+    """
+    if not key.startswith(f"{namespace}/"):
+        raise KeyNameError(f"key is {key!r}; expected it to start with {namespace}/")
+    chunks = key[len(namespace) + 1 :].split("/")
+    for channel in CHANNELS:
+        pattern = channel.pattern.split("/")
+        if len(pattern) == len(chunks) and all(p in ("*", c) for p, c in zip(pattern, chunks, strict=True)):
+            return channel
+    known = ", ".join(channel.pattern for channel in CHANNELS)
+    raise KeyNameError(f"key is {key!r}; expected {namespace}/ and one of {known}")
+
+
+class Cell:
+    """The keys of one cell: every key expression of the project is made here."""
+
+    def __init__(self, namespace: str = DEFAULT_NAMESPACE) -> None:
+        """Args: namespace of the cell or robot.
+
+        Raises:
+            KeyNameError: it cannot stand in a key.
+        """
+        self.namespace = require_name(namespace, "namespace")
+
+    def _key(self, *chunks: str) -> str:
+        return "/".join((self.namespace, *chunks))
+
+    def points(self, camera: str) -> str:
+        """Clouds as the camera measures them."""
+        return self._key(require_name(camera, "camera"), "points")
+
+    def voxel_points(self, camera: str) -> str:
+        """Down-sampled clouds."""
+        return self._key(require_name(camera, "camera"), "points", "voxel")
+
+    def camera_info(self, camera: str) -> str:
+        """Calibration of a camera."""
+        return self._key(require_name(camera, "camera"), "camera_info")
+
+    def selected_points(self, camera: str) -> str:
+        """Patches that a person selected."""
+        return self._key(require_name(camera, "camera"), "selected_points")
+
+    def plane(self, camera: str) -> str:
+        """Planes of selected patches."""
+        return self._key(require_name(camera, "camera"), "plane")
+
+    def plane_points(self, camera: str) -> str:
+        """Coplanar points of those planes."""
+        return self._key(require_name(camera, "camera"), "plane", "points")
+
+    @property
+    def tf_static(self) -> str:
+        """Transforms that never change."""
+        return self._key("tf_static")
+
+    @property
+    def tf(self) -> str:
+        """Transforms that do."""
+        return self._key("tf")
+
+    def find_object(self, finder: str) -> str:
+        """Goals of one finder; '*' for any."""
+        return self._key("find_object", finder if finder == "*" else require_name(finder, "finder"))
+
+    def cancel(self, finder: str) -> str:
+        """Cancel requests of one finder."""
+        return self._key("find_object", require_name(finder, "finder"), "cancel")
+
+    def status(self, finder: str) -> str:
+        """Goals that a finder holds."""
+        return self._key("find_object", require_name(finder, "finder"), "status")
+
+    def feedback(self, finder: str) -> str:
+        """Updates of all goals of a finder, for watchers."""
+        return self._key("find_object", require_name(finder, "finder"), "feedback")
+
+    def catalog(self, name: str) -> str:
+        """One type of the catalogue; '*' for all."""
+        return self._key("catalog", name if name == "*" else require_name(name, "type"))
+
+    def health(self, host: str, process: str) -> str:
+        """Beats of a process; '*' for any host or process."""
+        return self._key("@health", host, process)
+
+    def alive(self, host: str, process: str) -> str:
+        """Liveliness token of a process; '*' for any host or process."""
+        return self._key("@alive", host, process)

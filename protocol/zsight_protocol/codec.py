@@ -1,0 +1,133 @@
+"""Messages to bytes and back: one self-contained msgpack map a message.
+
+A message with a blob has it under ``data``, as the last entry, behind a padding entry ``_`` that makes the blob start
+at a multiple of 16 bytes. So a writer copies the blob once, and a reader makes an aligned array from it with no copy;
+any msgpack library decodes the whole.
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import msgpack
+from pydantic import ValidationError
+
+from zsight_protocol.errors import DecodeError
+
+if TYPE_CHECKING:
+    from zsight_protocol.message import Message
+    from zsight_protocol.point_cloud import Buffer
+
+__all__ = ["ALIGNMENT", "decode", "encode", "encode_parts"]
+
+ALIGNMENT = 16
+_HEAD_LIMIT = 64 * 1024  # bytes that the entries before a blob may take
+_LENGTH_LIMIT = 65_536  # entries of one list or map; bounds what a lying length can allocate
+
+M = TypeVar("M", bound="Message")
+
+
+def encode(message: Message) -> bytes:
+    """The bytes of a message."""
+    return b"".join(encode_parts(message))
+
+
+def encode_parts(message: Message) -> tuple[bytes, Buffer]:
+    """The bytes of a message in two parts, so that a big blob is copied only once, by the caller.
+
+    Returns:
+        Everything before the blob, and the blob (empty for a message that has none).
+    """
+    entries = message.model_dump(mode="python", exclude={"data"})
+    blob: Buffer | None = getattr(message, "data", None)
+    packer = msgpack.Packer()
+    if blob is None:
+        return packer.pack(entries), b""
+    head = packer.pack_map_header(len(entries) + 2)
+    head += b"".join(packer.pack(key) + packer.pack(value) for key, value in entries.items())
+    head += packer.pack("_")
+    tail = packer.pack("data") + struct.pack(">BI", 0xC6, len(blob))
+    padding = -(len(head) + 2 + len(tail)) % ALIGNMENT
+    return head + struct.pack(">BB", 0xC4, padding) + bytes(padding) + tail, blob
+
+
+def decode(kind: type[M], payload: Buffer) -> M:
+    """The message in some bytes; its blob is a view of them, not a copy.
+
+    Raises:
+        DecodeError: the bytes are not a message of this kind; says what was wrong. Never allocates more than a small
+            multiple of the payload, whatever lengths the bytes declare.
+    """
+    view = memoryview(payload)
+    try:
+        entries = _entries_before_blob(view) if "data" in kind.model_fields else _all_entries(view)
+    except DecodeError as error:
+        raise DecodeError(f"not a {kind.__name__}: {error}") from None
+    except (ValueError, TypeError, OverflowError, RecursionError, msgpack.UnpackException) as error:
+        reason = str(error) or type(error).__name__
+        raise DecodeError(f"not a {kind.__name__}: {len(view)} bytes that are not one msgpack map ({reason})") from None
+    try:
+        return kind.model_validate(entries)
+    except ValidationError as error:
+        raise DecodeError.from_validation(kind.__name__, error) from None
+
+
+def _unpacker(size: int) -> msgpack.Unpacker:
+    length = min(size, _LENGTH_LIMIT)
+    return msgpack.Unpacker(
+        max_buffer_size=max(size, 1),
+        max_str_len=size,
+        max_bin_len=size,
+        max_array_len=length,
+        max_map_len=length,
+        max_ext_len=0,
+    )
+
+
+def _all_entries(view: memoryview) -> dict[str, Any]:
+    unpacker = _unpacker(len(view))
+    unpacker.feed(view)
+    entries = unpacker.unpack()
+    if not isinstance(entries, dict):
+        raise DecodeError(f"the bytes hold a {type(entries).__name__}; expected a map")
+    if unpacker.tell() != len(view):
+        raise DecodeError(f"{len(view) - unpacker.tell()} bytes follow the map; expected none")
+    return entries
+
+
+def _entries_before_blob(view: memoryview) -> dict[str, Any]:
+    unpacker = _unpacker(min(len(view), _HEAD_LIMIT))
+    unpacker.feed(view[:_HEAD_LIMIT])
+    entries: dict[str, Any] = {}
+    size = unpacker.read_map_header()
+    for index in range(size):
+        key = unpacker.unpack()
+        if not isinstance(key, str):
+            raise DecodeError(f"a key is a {type(key).__name__}; expected text")
+        if key in entries:
+            raise DecodeError(f"entry {key} stands there twice")
+        if key == "data":
+            if index != size - 1:
+                raise DecodeError(f"data is entry {index + 1} of {size}; expected it to be the last")
+            entries["data"] = _blob(view, unpacker.tell())
+        else:
+            entries[key] = unpacker.unpack()
+    entries.pop("_", None)
+    return entries
+
+
+def _blob(view: memoryview, offset: int) -> memoryview:
+    """The binary that starts at an offset and must end with the payload."""
+    marks = {0xC4: ">B", 0xC5: ">H", 0xC6: ">I"}
+    mark = view[offset] if offset < len(view) else None
+    if mark not in marks:
+        raise DecodeError(f"data starts with byte {mark}; expected a msgpack binary")
+    form = marks[mark]
+    start = offset + 1 + struct.calcsize(form)
+    if start > len(view):
+        raise DecodeError("the bytes end inside the length of data")
+    (declared,) = struct.unpack(form, view[offset + 1 : start])
+    if declared != len(view) - start:
+        raise DecodeError(f"data declares {declared} bytes and {len(view) - start} follow")
+    return view[start:]

@@ -1,0 +1,106 @@
+"""The find-object action: what is asked, what is reported on the way, what is answered."""
+
+from __future__ import annotations
+
+from enum import IntEnum, StrEnum
+from typing import Annotated, Any
+
+from pydantic import Field, Strict
+
+from zsight_protocol.action import GoalId
+from zsight_protocol.geometry import Pose, Region, Vector3
+from zsight_protocol.message import Float64, Header, Message, Tuple3
+
+__all__ = ["Capture", "DetectedObject", "FindObjectGoal", "FindObjectResult", "ResultCode", "Status", "Support"]
+
+Probability = Annotated[Float64, Field(ge=0, le=1)]
+Name = Annotated[str, Field(min_length=1, max_length=128)]
+
+
+class ResultCode(IntEnum):
+    """How a find ended, with the codes of the book's object finder."""
+
+    FOUND = 0
+    NOT_FOUND = 1
+    CODE_NOT_RECOGNISED = 2
+    BUSY = 3
+    CANCELLED = 4
+
+
+class Status(StrEnum):
+    """What is known: an object that is not found may be absent, or be where the camera cannot tell."""
+
+    FOUND = "found"
+    NOT_FOUND = "not_found"
+    CANNOT_TELL = "cannot_tell"
+
+
+class Capture(StrEnum):
+    """Which cloud to look at: the last one that came, or the first one measured after the goal arrived."""
+
+    LAST = "last"
+    NEW = "new"
+
+
+class FindObjectGoal(Message):
+    """What to find and how to answer.
+
+    ``object_type`` is a catalogue name or the book's number as text (1000 toy block, 1001 upright Coke can, 1002
+    table surface). ``frame_id`` is the frame of the answer, of ``region`` and of ``known_height`` (metres along its
+    z); empty: the world if the camera's pose is known, else the cloud's own frame. ``maximum`` 0 asks for all
+    instances. ``timeout`` is seconds from the goal's arrival, so that clocks of two hosts need not agree.
+    """
+
+    goal_id: GoalId
+    object_type: Name
+    camera: Annotated[str, Field(max_length=128)] = ""
+    frame_id: Annotated[str, Field(max_length=256)] = ""
+    known_height: Float64 | None = None
+    region: Region | None = None
+    capture: Annotated[Capture, Strict(False)] = Capture.LAST
+    maximum: Annotated[int, Field(ge=0, le=1000)] = 1
+    timeout: Annotated[Float64, Field(gt=0, le=3600)] = 10.0
+
+
+class Support(Message):
+    """The surface that an object stands on: a point of it and its upward unit normal, in the frame of the answer."""
+
+    point: Vector3
+    normal: Vector3
+
+
+class DetectedObject(Message):
+    """One object that was found (after vision_msgs/Detection3D).
+
+    ``score`` is the probability that an object of this type is there; ``size`` the edges of its bounding box, metres;
+    ``covariance`` 6 x 6 row by row of x y z and rotation about x y z in the frame of the answer (m^2, m rad, rad^2);
+    ``visible_fraction`` the share of its silhouette that no other object hides and the image holds.
+    """
+
+    type: Name
+    code: int | None = None
+    score: Probability
+    pose: Pose
+    size: Tuple3
+    covariance: Annotated[tuple[Float64, ...], Strict(False), Field(min_length=36, max_length=36)]
+    visible_fraction: Probability
+    support: Support | None = None
+    truncated: bool = False
+    occluded: bool = False
+    runner_up: str = ""
+    equivalent_poses: Annotated[tuple[Pose, ...], Strict(False)] = ()
+
+
+class FindObjectResult(Message):
+    """The answer, stamped with the time and the frame in which the cloud was measured and the poses are given."""
+
+    header: Header
+    code: Annotated[ResultCode, Strict(False)]
+    status: Annotated[Status, Strict(False)]
+    message: str = ""
+    finder: str = ""
+    objects: Annotated[tuple[DetectedObject, ...], Strict(False)] = ()
+    p_absent: Probability = 0.0
+    deadline_passed: bool = False
+    report: dict[str, Any] = Field(default_factory=dict)
+    timings_ms: dict[str, Float64] = Field(default_factory=dict)
