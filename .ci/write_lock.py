@@ -55,4 +55,4 @@ def marker_of(name: str) -> str:
 if __name__ == "__main__":
     text = lock(resolve(wanted()))
     (REPOSITORY / "requirements.lock").write_text(text)
-    print(f"requirements.lock: {text.count('==')} packages")
+    print(f"requirements.lock: {len(text.splitlines()) - 1} packages")
