@@ -39,5 +39,5 @@ class ModelError(CoreError):
     """An object model that makes no sense."""
 
 
-class Cancelled(CoreError):  # noqa: N818  not an error but a wish that was granted
+class Cancelled(CoreError):
     """The caller asked a long computation to stop."""

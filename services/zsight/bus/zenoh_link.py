@@ -1,0 +1,288 @@
+"""The link over Zenoh. This package is the only one that imports zenoh."""
+
+from __future__ import annotations
+
+import json
+import logging
+import queue
+import threading
+from typing import TYPE_CHECKING, Any
+
+import zenoh
+from zenoh import ext, handlers, shm
+
+from zsight.bus.link import Arrival, Closable, RequestHandler
+from zsight.errors import ConnectionLost, UsageError
+from zsight_protocol.channels import Delivery
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from zsight.network import Network
+    from zsight_protocol.point_cloud import Buffer
+
+__all__ = ["ZenohLink", "open_link", "open_router"]
+
+log = logging.getLogger(__name__)
+
+_SHARED_FROM = 64 * 1024  # smaller payloads travel faster inside a message than as a reference to shared memory
+_POOL = 64 * 1024 * 1024  # address space, not memory: pages come into being as clouds fill them
+_CLOUDS_IN_POOL = 6
+
+
+def open_link(network: Network, *, mode: str = "client") -> ZenohLink:
+    """Join the network.
+
+    Raises:
+        ConnectionLost: no endpoint could be reached; says which were tried.
+        UsageError: an endpoint or the configuration file makes no sense.
+    """
+    config = _config(network, mode)
+    try:
+        return ZenohLink(zenoh.open(config))
+    except zenoh.ZError as error:
+        tried = ", ".join(network.connect)
+        raise ConnectionLost(f"cannot reach a router at {tried} ({_short(error)}): start one with: zsight up") from None
+
+
+def open_router(network: Network) -> ZenohLink:
+    """Be the router that the other processes join.
+
+    Raises:
+        ConnectionLost: an endpoint is taken, or cannot be listened on.
+    """
+    try:
+        return ZenohLink(zenoh.open(_config(network, "router")))
+    except zenoh.ZError as error:
+        where = ", ".join(network.listen)
+        raise ConnectionLost(
+            f"cannot listen on {where} ({_short(error)}): is another router running there? Stop it with: zsight down"
+        ) from None
+
+
+def _short(error: Exception) -> str:
+    """The first sentence of Zenoh's long errors."""
+    return str(error).split(" at ", 1)[0].splitlines()[0].rstrip(" .")
+
+
+def _config(network: Network, mode: str) -> zenoh.Config:
+    settings: dict[str, Any] = {
+        "mode": mode,
+        "scouting/multicast/enabled": network.multicast,
+        "timestamping/enabled": True,
+        "transport/link/tx/queue/size/data": 16,
+        "transport/shared_memory/enabled": network.shared_memory,
+    }
+    if network.shared_memory:
+        settings["transport/shared_memory/transport_optimization/messages"] = ["put"]
+    if mode == "router":
+        settings["listen/endpoints"] = list(network.listen)
+        settings["connect/endpoints"] = list(network.peers)
+        settings["connect/exit_on_failure"] = False
+    else:
+        settings["connect/endpoints"] = list(network.connect)
+        settings["connect/timeout_ms"] = 0
+    settings["connect/retry"] = {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 2}
+    try:
+        config = zenoh.Config.from_file(network.config_file) if network.config_file else zenoh.Config()
+        for key, value in settings.items():
+            config.insert_json5(key, json.dumps(value))
+    except zenoh.ZError as error:
+        raise UsageError(f"the network settings are not understood ({_short(error)}): {network}") from None
+    return config
+
+
+class ZenohLink:
+    """A Zenoh session as the bus sees it."""
+
+    def __init__(self, session: zenoh.Session) -> None:
+        """Args: an open session, which is closed with the link."""
+        self._session = session
+        self._pool = _Pool()
+        self._closed = False
+
+    def writer(self, key: str, delivery: Delivery) -> _ZenohWriter:
+        """A writer on a key."""
+        if delivery is Delivery.LATCHED:
+            publisher: Any = ext.declare_advanced_publisher(
+                self._session,
+                key,
+                congestion_control=zenoh.CongestionControl.BLOCK,
+                cache=ext.CacheConfig(max_samples=1),
+                publisher_detection=True,
+            )
+        else:
+            drop = delivery is Delivery.LATEST
+            publisher = self._session.declare_publisher(
+                key,
+                congestion_control=zenoh.CongestionControl.DROP if drop else zenoh.CongestionControl.BLOCK,
+                priority=zenoh.Priority.DATA if drop else zenoh.Priority.INTERACTIVE_HIGH,
+            )
+        return _ZenohWriter(publisher, self._pool)
+
+    def reader(self, key: str, delivery: Delivery, arrival: Arrival) -> Closable:
+        """A reader on a key expression."""
+        # A direct callback has no hidden queue; the bus keeps what it wants of the arrivals.
+        handler: Any = handlers.Callback(lambda sample: arrival(_ZenohSample(sample)), indirect=False)
+        if delivery is Delivery.LATCHED:
+            history = ext.HistoryConfig(detect_late_publishers=True, max_samples=1)
+            subscriber: Any = ext.declare_advanced_subscriber(self._session, key, handler, history=history)
+        else:
+            subscriber = self._session.declare_subscriber(key, handler)
+        return Closable(lambda: self._undeclare(subscriber))
+
+    def serve(self, key: str, handler: RequestHandler) -> Closable:
+        """Answer requests."""
+        direct: Any = handlers.Callback(lambda query: handler(_ZenohRequest(query)), indirect=False)
+        queryable = self._session.declare_queryable(key, direct, complete=True)
+        return Closable(lambda: self._undeclare(queryable))
+
+    def ask(self, key: str, payload: bytes, timeout: float, *, everyone: bool = False) -> _ZenohReplies:
+        """Send a request."""
+        return _ZenohReplies(self._session, key, payload, timeout, everyone=everyone)
+
+    def declare_alive(self, key: str) -> Closable:
+        """Hold a liveliness token."""
+        token = self._session.liveliness().declare_token(key)
+        return Closable(lambda: self._undeclare(token))
+
+    def alive(self, key: str, timeout: float) -> set[str]:
+        """Keys of all tokens that match."""
+        replies = self._session.liveliness().get(key, timeout=timeout)
+        return {str(reply.ok.key_expr) for reply in replies if reply.ok is not None}
+
+    def watch_alive(self, key: str, changed: Callable[[str, bool], None]) -> Closable:
+        """Call changed(key, alive) for every token that is there, comes or goes."""
+        handler: Any = handlers.Callback(
+            lambda sample: changed(str(sample.key_expr), sample.kind is zenoh.SampleKind.PUT), indirect=False
+        )
+        subscriber = self._session.liveliness().declare_subscriber(key, handler, history=True)
+        return Closable(lambda: self._undeclare(subscriber))
+
+    def close(self) -> None:
+        """Leave the network."""
+        self._closed = True
+        self._session.close()
+        self._pool.close()
+
+    def _undeclare(self, entity: Any) -> None:
+        if not self._closed:
+            entity.undeclare()
+
+
+class _ZenohSample:
+    def __init__(self, sample: zenoh.Sample) -> None:
+        self._sample = sample
+
+    @property
+    def key(self) -> str:
+        return str(self._sample.key_expr)
+
+    @property
+    def attachment(self) -> bytes:
+        attachment = self._sample.attachment
+        return attachment.to_bytes() if attachment is not None else b""
+
+    def take(self) -> bytes | None:
+        payload = self._sample.payload
+        copied = payload.to_bytes()
+        shared = payload.as_shm()
+        # A writer takes back the memory of a reader that stalled: what was copied then may be half another cloud.
+        return copied if shared is None or shared.is_valid() else None
+
+
+class _ZenohWriter:
+    def __init__(self, publisher: Any, pool: _Pool) -> None:
+        self._publisher = publisher
+        self._pool = pool
+
+    def put(self, head: bytes, blob: Buffer, attachment: bytes) -> None:
+        size = len(head) + len(blob)
+        shared = self._pool.allocate(size) if size >= _SHARED_FROM else None
+        if shared is None:
+            self._publisher.put(head + bytes(blob) if blob else head, attachment=attachment)
+            return
+        shared[0 : len(head)] = head
+        shared[len(head) : size] = blob if isinstance(blob, bytes | bytearray) else bytes(blob)
+        self._publisher.put(shared, attachment=attachment)
+
+    def has_readers(self) -> bool:
+        return bool(self._publisher.matching_status.matching)
+
+    def close(self) -> None:
+        self._publisher.undeclare()
+
+
+class _Pool:
+    """Shared memory of this process for what it writes; made when the first big payload comes."""
+
+    def __init__(self) -> None:
+        self._provider: shm.ShmProvider | None = None
+        self._size = 0
+        self._lock = threading.Lock()
+
+    def allocate(self, size: int) -> shm.ZShmMut | None:
+        """A buffer, or none where readers still hold all of them or the host has no shared memory left."""
+        with self._lock:
+            try:
+                if size * _CLOUDS_IN_POOL > self._size:
+                    self._size = max(_POOL, size * _CLOUDS_IN_POOL)
+                    self._provider = shm.ShmProvider.default_backend(self._size)
+                if self._provider is None:
+                    return None
+                return self._provider.alloc(size, shm.GarbageCollect())
+            except zenoh.ZError as error:
+                log.debug("no shared memory for %d bytes: %s", size, error)
+                return None
+
+    def close(self) -> None:
+        with self._lock:
+            self._provider = None
+
+
+class _ZenohRequest:
+    def __init__(self, query: zenoh.Query) -> None:
+        self._query = query
+        payload = query.payload
+        self.payload = payload.to_bytes() if payload is not None else b""
+        self.key = str(query.key_expr)
+
+    def reply(self, payload: bytes) -> None:
+        self._query.reply(self.key, payload, priority=zenoh.Priority.REAL_TIME, express=True)
+
+    def close(self) -> None:
+        self._query.drop()
+
+
+class _ZenohReplies:
+    def __init__(self, session: zenoh.Session, key: str, payload: bytes, timeout: float, *, everyone: bool) -> None:
+        self._queue: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
+        self._cancel = zenoh.CancellationToken()
+        session.get(
+            key,
+            handlers.Callback(self._arrived, self._ended, indirect=False),
+            payload=payload,
+            timeout=timeout,
+            target=zenoh.QueryTarget.ALL if everyone else zenoh.QueryTarget.BEST_MATCHING,
+            consolidation=zenoh.ConsolidationMode.NONE,
+            priority=zenoh.Priority.REAL_TIME,
+            express=True,
+            cancellation_token=self._cancel,
+        )
+
+    def _arrived(self, reply: zenoh.Reply) -> None:
+        # An error reply is Zenoh's own word for a timeout; the caller has its own clock.
+        if reply.ok is not None:
+            self._queue.put(reply.ok.payload.to_bytes())
+
+    def _ended(self) -> None:
+        self._queue.put(None)
+
+    def take(self, timeout: float) -> bytes | None:
+        try:
+            return self._queue.get(timeout=max(timeout, 0.0))
+        except queue.Empty:
+            raise TimeoutError from None
+
+    def close(self) -> None:
+        self._cancel.cancel()

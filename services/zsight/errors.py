@@ -1,0 +1,80 @@
+"""Every error that zsight raises at its users, with the exit code of each on the command line.
+
+ZsightError                 1
+├── UsageError              2   a request that makes no sense: unknown name, bad option, unreadable setting
+├── ConnectionLost          3   no router, no network, a session that was closed
+├── NobodyAnswers           3   the network is there and nobody serves the request
+├── ServerLost              3   the server died or was cut off while it worked on the request
+├── RequestRefused          2   the server says no: unknown type, bad frame, empty region
+├── ServerBusy              3   the server has no room for another goal now
+├── DeadlinePassed          4   no answer within the time allowed
+└── GoalCancelled           5   the goal was cancelled
+"""
+
+from __future__ import annotations
+
+__all__ = [
+    "ConnectionLost",
+    "DeadlinePassed",
+    "GoalCancelled",
+    "NobodyAnswers",
+    "RequestRefused",
+    "ServerBusy",
+    "ServerLost",
+    "UsageError",
+    "ZsightError",
+]
+
+
+class ZsightError(Exception):
+    """Base of all errors of this package; the message says what was got, what was expected and what to do."""
+
+    exit_code = 1
+
+
+class UsageError(ZsightError):
+    """A request that makes no sense."""
+
+    exit_code = 2
+
+
+class ConnectionLost(ZsightError):
+    """No router, no network, or a session that was closed."""
+
+    exit_code = 3
+
+
+class NobodyAnswers(ZsightError):
+    """The network is there and nobody serves the request."""
+
+    exit_code = 3
+
+
+class ServerLost(ZsightError):
+    """The server died or was cut off while it worked on the request."""
+
+    exit_code = 3
+
+
+class RequestRefused(ZsightError):
+    """The server says no."""
+
+    exit_code = 2
+
+
+class ServerBusy(ZsightError):
+    """The server has no room for another goal now."""
+
+    exit_code = 3
+
+
+class DeadlinePassed(ZsightError):
+    """No answer within the time allowed."""
+
+    exit_code = 4
+
+
+class GoalCancelled(ZsightError):
+    """The goal was cancelled."""
+
+    exit_code = 5
