@@ -1,0 +1,278 @@
+"""Point Cloud Data files, the Point Cloud Library's format: ascii, binary and binary_compressed."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, BinaryIO, Literal, cast
+
+import numpy as np
+
+from zsight_core.atomic_file import AnyPath, atomic_file
+from zsight_core.errors import FileError, PointsError
+from zsight_core.pcd_header import LEVEL, Field, Header, Viewpoint, format_header, read_header
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+    from io import BufferedReader
+
+    from numpy.typing import NDArray
+
+    from zsight_core.points import Points
+
+__all__ = ["LEVEL", "Encoding", "PcdFile", "Viewpoint", "read", "warm_up", "write"]
+
+Encoding = Literal["ascii", "binary", "binary_compressed"]
+
+
+@dataclass(frozen=True)
+class PcdFile:
+    """A cloud as its file has it.
+
+    ``points`` (H, W), fields as in the file: several numbers a point are a subarray, padding ``_`` is a gap, a colour
+    ``rgb`` or ``rgba`` of any type is the packed float32 ``rgb`` bit for bit; metres.
+    ``viewpoint`` x y z qw qx qy qz: where the sensor stood, metres, and its quaternion with **w first**, as PCD has it.
+    """
+
+    points: Points
+    viewpoint: Viewpoint
+    encoding: Encoding
+
+
+def read(path: AnyPath) -> PcdFile:
+    """Read a cloud.
+
+    Never more memory is taken than the file's size justifies, whatever its header promises.
+
+    Raises:
+        FileError: there is no such file, or it is empty, cut short, contradicts itself or is no PCD file.
+    """
+    with _opened(path) as file:
+        header = read_header(file, path)
+        size = os.fstat(file.fileno()).st_size - file.tell()
+        points = _READERS[header.encoding](file, header, size, path)
+    return PcdFile(points.reshape(header.height, header.width), header.viewpoint, cast(Encoding, header.encoding))
+
+
+def write(
+    path: AnyPath,
+    points: Points,
+    *,
+    viewpoint: Sequence[float] = LEVEL,
+    encoding: Encoding = "binary",
+    overwrite: bool = False,
+) -> None:
+    """Write a cloud; the file appears whole or not at all.
+
+    In ascii a packed ``rgb`` is written as an unsigned integer, because as a float text it loses bits (all of them
+    where it is a NaN); other numbers get as many digits as it takes to read the same number back, except that the
+    payload bits of NaN are lost. The binary encodings keep every bit. Padding is not written.
+
+    Args:
+        path: the file to make.
+        points: (H, W) with integer or float32 or float64 fields, subarrays allowed, any byte order and padding; metres.
+        viewpoint: where the sensor stood: x y z, metres, and the quaternion w x y z, w first.
+        encoding: ascii, binary or binary_compressed.
+        overwrite: replace a file that is there.
+
+    Raises:
+        PointsError: the cloud cannot be said in PCD.
+        FileError: there is a file already, or the system refuses to write.
+    """
+    header = _header_of(points, viewpoint, encoding)
+    with atomic_file(path, overwrite=overwrite) as file:
+        packed = _packed(points)
+        file.write(format_header(header))
+        _WRITERS[encoding](file, header, packed, path)
+
+
+def warm_up() -> None:
+    """Compile the kernels of all encodings, or load them from the cache."""
+    from zsight_core import lzf, number_rows
+
+    lzf.warm_up()
+    number_rows.warm_up()
+
+
+@contextlib.contextmanager
+def _opened(path: AnyPath) -> Iterator[BufferedReader]:
+    """A regular file open for reading; what the system says against it becomes a FileError."""
+    try:
+        if not Path(path).is_file() and Path(path).exists():
+            raise FileError(path, "is not a regular file")
+        with Path(path).open("rb") as file:
+            yield file
+    except OSError as error:
+        raise FileError(path, f"cannot be read: {error.strerror or error}") from error
+
+
+def _read_binary(file: BufferedReader, header: Header, size: int, path: AnyPath) -> Points:
+    _require_size(size, header, path)
+    points = np.empty(header.count, header.dtype)
+    _fill(file, points, path)
+    return points
+
+
+def _read_compressed(file: BufferedReader, header: Header, size: int, path: AnyPath) -> Points:
+    from zsight_core import lzf
+
+    packed_size, data_size = _compressed_sizes(file, path)
+    expected = header.count * header.record_size
+    if data_size != expected:
+        raise FileError(path, f"has {data_size} bytes of data; its header promises {header.count} points, {expected}")
+    if packed_size > size - 8:
+        raise FileError(path, f"is cut short: {size - 8} of {packed_size} compressed bytes are there")
+    if data_size > lzf.MAX_RATIO * packed_size:
+        raise FileError(path, f"is damaged: {packed_size} compressed bytes cannot hold {data_size}")
+    stream, data = np.empty(packed_size, np.uint8), np.empty(data_size, np.uint8)
+    _fill(file, stream, path)
+    if lzf.decompress(stream, data) != data_size:
+        raise FileError(path, "is damaged: its compressed data do not expand to what the header promises")
+    return _from_columns(data, header)
+
+
+def _read_ascii(file: BufferedReader, header: Header, size: int, path: AnyPath) -> Points:
+    from zsight_core import number_rows
+
+    columns = _columns(header)
+    least = header.count * 2 * len(columns) - 1  # a digit and a blank a number; the last line may lack its end
+    if size < least:
+        raise FileError(path, f"is cut short: {size} bytes cannot hold {header.count} rows of {len(columns)} numbers")
+    text = np.empty(size + 1, np.uint8)
+    _fill(file, text[:size], path)
+    text[size] = ord("\n")
+    points = np.zeros(header.count, header.dtype)
+    records = points.view(np.uint8).reshape(header.count, header.record_size)
+    try:
+        number_rows.parse_rows(text, records, columns)
+    except number_rows.RowsError as error:
+        raise FileError(path, f"{error}") from None
+    return points
+
+
+_READERS = {"ascii": _read_ascii, "binary": _read_binary, "binary_compressed": _read_compressed}
+
+
+def _require_size(size: int, header: Header, path: AnyPath) -> None:
+    expected = header.count * header.record_size
+    if size < expected:
+        raise FileError(path, f"is cut short: {header.count} points take {expected} bytes of data, {size} are there")
+    if size >= expected + header.record_size:
+        raise FileError(path, f"holds {size} bytes of data; its header promises {header.count} points, {expected}")
+
+
+def _fill(file: BufferedReader, array: NDArray[Any], path: AnyPath) -> None:
+    """Read as many bytes as the array has; a file can shrink while it is read."""
+    if array.nbytes == 0:
+        return
+    got = file.readinto(array.view(np.uint8).data)
+    if got != array.nbytes:
+        raise FileError(path, f"is cut short: {got} of {array.nbytes} bytes of data are there")
+
+
+def _compressed_sizes(file: BinaryIO, path: AnyPath) -> tuple[int, int]:
+    sizes = file.read(8)
+    if len(sizes) < 8:
+        raise FileError(path, "is cut short: the sizes of its compressed data are missing")
+    return int.from_bytes(sizes[:4], "little"), int.from_bytes(sizes[4:], "little")
+
+
+def _from_columns(data: NDArray[np.uint8], header: Header) -> Points:
+    """Records from the compressed order, in which all points' first field comes first, then all points' second."""
+    records = np.zeros((header.count, header.record_size), np.uint8)
+    for field, at in zip(header.fields, header.offsets, strict=True):
+        size = field.size * field.count
+        column = data[at * header.count : (at + size) * header.count]
+        if not field.is_padding:
+            _item_view(records[:, at : at + size])[...] = _item_view(column.reshape(header.count, size))
+    return records.reshape(-1).view(header.dtype)
+
+
+def _to_columns(packed: Points, header: Header) -> NDArray[np.uint8]:
+    records = packed.view(np.uint8).reshape(header.count, header.record_size)
+    data = np.empty(header.count * header.record_size, np.uint8)
+    for field, at in zip(header.fields, header.offsets, strict=True):
+        size = field.size * field.count
+        column = data[at * header.count : (at + size) * header.count]
+        _item_view(column.reshape(header.count, size))[...] = _item_view(records[:, at : at + size])
+    return data
+
+
+def _item_view(cells: NDArray[np.uint8]) -> NDArray[Any]:
+    """The bytes (points, size) as one item a point, which numpy copies at once."""
+    return cells.view(np.dtype((np.void, cells.shape[1])))
+
+
+def _columns(header: Header) -> list[Any]:
+    """Each number of an ascii row; a colour is read as the type that the file gives it."""
+    from zsight_core.number_rows import Column
+
+    return [
+        Column(field.type, -1 if field.is_padding else at + k * field.size)
+        for field, at in zip(header.fields, header.offsets, strict=True)
+        for k in range(field.count)
+    ]
+
+
+def _header_of(points: Points, viewpoint: Sequence[float], encoding: Encoding) -> Header:
+    if encoding not in _WRITERS:
+        raise PointsError(f"encoding is {encoding!r}; expected one of {', '.join(_WRITERS)}")
+    x, y, z, qw, qx, qy, qz = [float(number) for number in viewpoint] if len(viewpoint) == 7 else [np.nan] * 7
+    if not np.isfinite([x, y, z, qw, qx, qy, qz]).all():
+        raise PointsError(f"viewpoint is {viewpoint}; expected seven finite numbers: x y z qw qx qy qz")
+    if points.ndim != 2 or not points.dtype.names:
+        raise PointsError(f"cloud has shape {points.shape} and dtype {points.dtype}; expected (H, W) and named fields")
+    fields = tuple(_field_of(name, points.dtype[name], encoding) for name in points.dtype.names)
+    height, width = points.shape
+    return Header(fields, width, height, (x, y, z, qw, qx, qy, qz), encoding)
+
+
+def _field_of(name: str, dtype: np.dtype[Any], encoding: Encoding) -> Field:
+    base, count = dtype.base, int(np.prod(dtype.shape, dtype=int))
+    kind = {"f": "F", "i": "I", "u": "U"}.get(base.kind)
+    if kind is None or (kind == "F" and base.itemsize not in (4, 8)) or count < 1:
+        raise PointsError(f"field {name} has type {dtype}; PCD holds float32, float64 and integers: convert it first")
+    if name.split() != [name] or name == "_" or "\0" in name:
+        raise PointsError(f"field name {name!r} cannot be written to PCD: it is blank, has a blank or means padding")
+    field = Field(name, base.itemsize, kind, count)
+    return Field(name, 4, "U", 1) if field.is_colour and encoding == "ascii" else field
+
+
+def _packed(points: Points) -> Points:
+    """The points one after another as (N,), little endian and without padding; not copied if they are so already."""
+    dtype = points.dtype
+    names = dtype.names or ()
+    layout = np.dtype([(name, dtype[name].base.newbyteorder("<"), dtype[name].shape) for name in names])
+    if dtype == layout and points.flags.c_contiguous:
+        return points.reshape(-1)
+    packed = np.empty(points.shape, layout)
+    for name in names:
+        packed[name] = points[name]
+    return packed.reshape(-1)
+
+
+def _write_binary(file: BinaryIO, header: Header, packed: Points, path: AnyPath) -> None:  # noqa: ARG001  as the others
+    file.write(packed.view(np.uint8).data)
+
+
+def _write_compressed(file: BinaryIO, header: Header, packed: Points, path: AnyPath) -> None:
+    from zsight_core import lzf
+
+    data = _to_columns(packed, header)
+    stream = lzf.compress(data)
+    if max(len(stream), len(data)) >= 1 << 32:
+        raise FileError(path, f"{len(data)} bytes are too much for binary_compressed; write it as binary")
+    file.write(len(stream).to_bytes(4, "little") + len(data).to_bytes(4, "little"))
+    file.write(stream.data)
+
+
+def _write_ascii(file: BinaryIO, header: Header, packed: Points, path: AnyPath) -> None:  # noqa: ARG001  as the others
+    from zsight_core import number_rows
+
+    numbers = np.dtype([(field.name, f"<{field.type}", (field.count,)) for field in header.fields])  # rgb: U
+    file.writelines(text.data for text in number_rows.format_rows(packed.view(numbers)))
+
+
+_WRITERS = {"ascii": _write_ascii, "binary": _write_binary, "binary_compressed": _write_compressed}

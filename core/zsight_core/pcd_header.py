@@ -1,0 +1,263 @@
+"""The text in front of the data of a PCD file (version 0.7 of the Point Cloud Library's format)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, BinaryIO
+
+import numpy as np
+
+from zsight_core.errors import FileError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from zsight_core.atomic_file import AnyPath
+
+__all__ = ["ENCODINGS", "LEVEL", "Field", "Header", "Viewpoint", "format_header", "read_header"]
+
+Viewpoint = tuple[float, float, float, float, float, float, float]
+"""Where the sensor stood: x y z, metres, and the quaternion w x y z, in the order of the file."""
+
+LEVEL: Viewpoint = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+
+ENCODINGS = ("ascii", "binary", "binary_compressed")
+
+_VERSIONS = {".5", ".6", ".7", "0.5", "0.6", "0.7"}
+_SIZES = {"F": (4, 8), "I": (1, 2, 4, 8), "U": (1, 2, 4, 8)}
+_LONGEST_LINE = 1 << 16
+_MOST_LINES = 4096
+_LARGEST_RECORD = 1 << 20
+_LARGEST_SIDE = (1 << 32) - 1  # width and height of a PointCloud2 are 32-bit
+_KEYWORDS = (
+    "VERSION",
+    "FIELDS",
+    "COLUMNS",
+    "SIZE",
+    "TYPE",
+    "COUNT",
+    "WIDTH",
+    "HEIGHT",
+    "VIEWPOINT",
+    "POINTS",
+    "DATA",
+)  # fmt: skip  one row reads as the format's own order
+
+
+@dataclass(frozen=True)
+class Field:
+    """A column of the file: name, bytes a number, F I or U, and how many numbers it holds a point."""
+
+    name: str
+    size: int
+    kind: str
+    count: int
+
+    @property
+    def is_padding(self) -> bool:
+        """True of the field ``_``, which only keeps its place."""
+        return self.name == "_"
+
+    @property
+    def is_colour(self) -> bool:
+        """True of four bytes that hold a packed colour, whatever type the file gives them."""
+        return self.name == "rgb" and self.size == 4 and self.count == 1
+
+    @property
+    def type(self) -> str:
+        """The type of a number as numpy writes it, such as ``f4``."""
+        return f"{self.kind.lower()}{self.size}"
+
+
+@dataclass(frozen=True)
+class Header:
+    """What a PCD header says; the field ``rgba`` of a file is called ``rgb`` here."""
+
+    fields: tuple[Field, ...]
+    width: int
+    height: int
+    viewpoint: Viewpoint
+    encoding: str
+
+    @property
+    def count(self) -> int:
+        """Number of points."""
+        return self.width * self.height
+
+    @property
+    def record_size(self) -> int:
+        """Bytes a point, padding included."""
+        return sum(field.size * field.count for field in self.fields)
+
+    @property
+    def offsets(self) -> tuple[int, ...]:
+        """Where each field begins in a record."""
+        sizes = [field.size * field.count for field in self.fields]
+        return tuple(sum(sizes[:k]) for k in range(len(sizes)))
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """Type of a record: padding is a gap, several numbers are a subarray, a packed colour is float32."""
+        seen = [(field, at) for field, at in zip(self.fields, self.offsets, strict=True) if not field.is_padding]
+        return np.dtype(
+            {
+                "names": [field.name for field, _ in seen],
+                "formats": [_format_of(field) for field, _ in seen],
+                "offsets": [at for _, at in seen],
+                "itemsize": self.record_size,
+            }
+        )
+
+
+def read_header(file: BinaryIO, path: AnyPath) -> Header:
+    """Read up to and with the DATA line, behind which the file is left.
+
+    Raises:
+        FileError: the header is cut, contradicts itself, or is none.
+    """
+    entries = _entries(file, path)
+    fields = _fields(entries, path)
+    width, height = _shape(entries, path)
+    encoding = entries["DATA"][0].lower() if entries["DATA"] else ""
+    if encoding not in ENCODINGS:
+        raise FileError(path, f"DATA is {encoding[:40]!r}; expected one of {', '.join(ENCODINGS)}")
+    version = entries.get("VERSION", ["0.7"])
+    if len(version) != 1 or version[0] not in _VERSIONS:
+        raise FileError(path, f"VERSION is {' '.join(version)[:40]!r}; expected 0.7")
+    return Header(fields, width, height, _viewpoint(entries, path), encoding)
+
+
+def format_header(header: Header) -> bytes:
+    """The header as text, in the order that all readers know."""
+    rows: dict[str, list[str] | list[int]] = {
+        "VERSION": ["0.7"],
+        "FIELDS": [field.name for field in header.fields],
+        "SIZE": [field.size for field in header.fields],
+        "TYPE": [field.kind for field in header.fields],
+        "COUNT": [field.count for field in header.fields],
+        "WIDTH": [header.width],
+        "HEIGHT": [header.height],
+        "VIEWPOINT": [repr(float(number)).removesuffix(".0") for number in header.viewpoint],
+        "POINTS": [header.count],
+        "DATA": [header.encoding],
+    }
+    lines = [f"{keyword} {' '.join(str(value) for value in values)}\n" for keyword, values in rows.items()]
+    return "".join(["# .PCD v0.7 - Point Cloud Data file format\n", *lines]).encode()
+
+
+def _entries(file: BinaryIO, path: AnyPath) -> dict[str, list[str]]:
+    """Words behind each keyword, up to DATA."""
+    entries: dict[str, list[str]] = {}
+    for number in range(1, _MOST_LINES + 1):
+        line = file.readline(_LONGEST_LINE)
+        if not line:
+            raise FileError(path, "is empty" if number == 1 else "ends within its header; expected a line DATA")
+        words = _words(line, number, path)
+        if not words:
+            continue
+        keyword, values = words[0].upper(), words[1:]
+        if keyword not in _KEYWORDS:
+            raise FileError(path, f"line {number} begins with {words[0][:40]!r}; that is no header of a PCD file")
+        if keyword in entries:
+            raise FileError(path, f"line {number} gives {keyword} a second time")
+        entries[keyword] = values
+        if keyword == "DATA":
+            if not line.endswith(b"\n"):
+                raise FileError(path, "ends within the header's last line")
+            return entries
+    raise FileError(path, f"has no line DATA among its first {_MOST_LINES}; that is no PCD file")
+
+
+def _words(line: bytes, number: int, path: AnyPath) -> list[str]:
+    if len(line) == _LONGEST_LINE:
+        raise FileError(path, f"line {number} is longer than {_LONGEST_LINE} bytes; that is no header of a PCD file")
+    if line.startswith(b"#"):
+        return []
+    try:
+        text = line.decode()
+    except UnicodeDecodeError:
+        raise FileError(path, f"line {number} is no text; that is no header of a PCD file") from None
+    if "\0" in text:
+        raise FileError(path, f"line {number} is no text; that is no header of a PCD file")
+    return text.split()
+
+
+def _fields(entries: dict[str, list[str]], path: AnyPath) -> tuple[Field, ...]:
+    names = _row(entries, "FIELDS" if "FIELDS" in entries else "COLUMNS", None, path)
+    sizes = _numbers(_row(entries, "SIZE", names, path), "SIZE", path)
+    kinds = [kind.upper() for kind in _row(entries, "TYPE", names, path)]
+    counts = _numbers(_row(entries, "COUNT", names, path), "COUNT", path) if "COUNT" in entries else [1] * len(names)
+    named = [name for name in names if name != "_"]
+    if len(set(named)) < len(named) or not named:
+        raise FileError(path, f"has the fields {' '.join(names)[:80]}; expected at least one, each once")
+    for name, size, kind, count in zip(names, sizes, kinds, counts, strict=True):
+        if size not in _SIZES.get(kind, ()):
+            raise FileError(path, f"field {name} has TYPE {kind[:40]} and SIZE {size}; expected F 4 8, I or U 1 2 4 8")
+        if count < 1:
+            raise FileError(path, f"field {name} has COUNT {count}; expected 1 or more")
+    if sum(size * count for size, count in zip(sizes, counts, strict=True)) > _LARGEST_RECORD:
+        raise FileError(path, f"COUNT {counts} makes points larger than {_LARGEST_RECORD} bytes; the header is damaged")
+    renamed = ["rgb" if name == "rgba" and "rgb" not in names else name for name in names]
+    return tuple(Field(*column) for column in zip(renamed, sizes, kinds, counts, strict=True))
+
+
+def _row(entries: dict[str, list[str]], keyword: str, names: list[str] | None, path: AnyPath) -> list[str]:
+    """Words of a line that has one for each field."""
+    if not entries.get(keyword):
+        raise FileError(path, f"has no {keyword} in its header")
+    values = entries[keyword]
+    if names is not None and len(values) != len(names):
+        raise FileError(path, f"has {len(names)} fields but {len(values)} in the line {keyword}")
+    return values
+
+
+def _numbers(words: list[str], keyword: str, path: AnyPath) -> list[int]:
+    if not all(word.isascii() and word.isdigit() and len(word) < 20 for word in words):
+        raise FileError(path, f"{keyword} is {' '.join(words)[:40]!r}; expected whole numbers")
+    return [int(word) for word in words]
+
+
+def _shape(entries: dict[str, list[str]], path: AnyPath) -> tuple[int, int]:
+    """Width and height; a missing height is 1, a missing width follows from POINTS."""
+    sides = {key: _side(entries[key], key, path) for key in ("WIDTH", "HEIGHT", "POINTS") if key in entries}
+    height = sides.get("HEIGHT", 1)
+    if "WIDTH" not in sides and ("POINTS" not in sides or height != 1):
+        raise FileError(path, "has no WIDTH in its header")
+    width = sides.get("WIDTH", sides.get("POINTS", 0))
+    if sides.get("POINTS", width * height) != width * height:
+        raise FileError(path, f"WIDTH {width} times HEIGHT {height} is not POINTS {sides['POINTS']}")
+    if max(width, height) > _LARGEST_SIDE:
+        raise FileError(path, f"WIDTH {width} and HEIGHT {height} go beyond {_LARGEST_SIDE}; the header is damaged")
+    return width, height
+
+
+def _side(words: list[str], keyword: str, path: AnyPath) -> int:
+    if len(words) != 1:
+        raise FileError(path, f"{keyword} is {' '.join(words)[:40]!r}; expected one whole number")
+    return _numbers(words, keyword, path)[0]
+
+
+def _viewpoint(entries: dict[str, list[str]], path: AnyPath) -> Viewpoint:
+    if "VIEWPOINT" not in entries:
+        return LEVEL
+    words = entries["VIEWPOINT"]
+    numbers = _attempt(lambda: [float(word) for word in words])
+    if numbers is None or len(numbers) != 7 or not all(math.isfinite(number) for number in numbers):
+        raise FileError(path, f"VIEWPOINT is {' '.join(words)[:80]!r}; expected seven numbers: x y z qw qx qy qz")
+    x, y, z, qw, qx, qy, qz = numbers
+    return (x, y, z, qw, qx, qy, qz)
+
+
+def _attempt(parse: Callable[[], list[float]]) -> list[float] | None:
+    try:
+        return parse()
+    except ValueError:
+        return None
+
+
+def _format_of(field: Field) -> Any:
+    if field.is_colour:
+        return "<f4"
+    number = f"<{field.type}"
+    return number if field.count == 1 else (number, (field.count,))
