@@ -1,0 +1,352 @@
+"""Planes: fitted to points in spite of outliers, the points near them, and a frame upon them.
+
+The convention is the book's (Newman, chapter 8): the unit normal faces the camera, which stands in the origin of the
+cloud's frame, and a point p of the plane has n.p = distance; the distance is therefore negative.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numba import njit
+
+from zsight_core.errors import GeometryError
+from zsight_core.moments import covariance, moments_near_plane, principal_axes
+from zsight_core.take import take
+from zsight_core.words import words_of
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    from zsight_core.points import Points
+    from zsight_core.words import Layout, Words
+
+__all__ = [
+    "Plane",
+    "PlaneFit",
+    "fit_robust",
+    "frame_on_plane",
+    "heights",
+    "inliers",
+    "plane_through",
+    "ransac_plane",
+    "select",
+    "warm_up",
+]
+
+_SAMPLE = 2048
+"""Points on which hypotheses are tried; the standard error of their inlier ratio is about 1 %."""
+
+_NOISE_FLOOR = 1e-4
+"""Least tolerance, metres: below it lie the roundings of float32 coordinates some metres away."""
+
+
+@dataclass(frozen=True)
+class Plane:
+    """The points p with normal . p = distance.
+
+    ``normal`` (3,) float64, of unit length, facing the camera; ``distance`` metres, the book's negative signed
+    distance of the plane: <= 0 for a normal that faces the origin.
+    """
+
+    normal: NDArray[np.float64]
+    distance: float
+
+    def coefficients(self) -> NDArray[np.float64]:
+        """(4,) float64: nx, ny, nz, distance."""
+        return np.array([*self.normal, self.distance])
+
+
+@dataclass(frozen=True)
+class PlaneFit:
+    """A plane, how many points lie near it, and the root mean square of their distances, metres."""
+
+    plane: Plane
+    inliers: int
+    rms: float
+
+
+def plane_through(normal: ArrayLike, point: ArrayLike) -> Plane:
+    """The plane with this normal (3,), of any length and sign, through the point (3,); turned to face the origin.
+
+    Raises:
+        GeometryError: the normal has no length.
+    """
+    direction = np.asarray(normal, dtype=np.float64)
+    length = float(np.linalg.norm(direction))
+    if not (math.isfinite(length) and length > 0):
+        raise GeometryError(f"normal is {direction}; expected a vector of finite length above zero")
+    direction = direction / length
+    distance = float(direction @ np.asarray(point, dtype=np.float64))
+    return Plane(-direction, -distance) if distance > 0 else Plane(direction, distance)
+
+
+def fit_robust(
+    cloud: Points | NDArray[np.floating[Any]], tolerance: float = 0.01, *, seed: int = 0, iterations: int = 500
+) -> PlaneFit:
+    """The plane of a patch that may also hold part of an object.
+
+    A sample consensus with truncated squared distances finds the plane (MSAC, Torr and Zisserman 2000); then the noise
+    is measured on its own inliers (median absolute distance) and the plane is refitted by moments to the points within
+    2.5 standard deviations, so that the foot of an object that stands on the plane does not tilt it.
+
+    Args:
+        cloud: Points (H, W) or coordinates (N, 3), metres; holes are passed over.
+        tolerance: the farthest that noise carries a point of the plane off it, metres.
+        seed: of the sampling; equal seeds give equal planes.
+        iterations: at most so many hypotheses.
+
+    Raises:
+        GeometryError: fewer than 3 points, or all on one line.
+    """
+    words = words_of(cloud)
+    coarse = _consensus(words, tolerance, seed, iterations)
+    return _refit(words, coarse, min(tolerance, _noise_limit(words, coarse, tolerance)))
+
+
+def ransac_plane(
+    cloud: Points | NDArray[np.floating[Any]], threshold: float, *, seed: int = 0, iterations: int = 1000
+) -> PlaneFit:
+    """The plane with most points within `threshold`, by MSAC with refit.
+
+    Args:
+        cloud: Points (H, W) or coordinates (N, 3), metres; holes are passed over.
+        threshold: a point is an inlier up to this distance, metres.
+        seed: of the sampling; equal seeds give equal planes.
+        iterations: at most so many hypotheses; it stops earlier once a better one is unlikely (0.1 %).
+
+    Raises:
+        GeometryError: threshold not above zero; fewer than 3 points, or all on one line.
+    """
+    words = words_of(cloud)
+    return _refit(words, _consensus(words, threshold, seed, iterations), threshold)
+
+
+def heights(cloud: Points | NDArray[np.floating[Any]], plane: Plane) -> NDArray[np.float32]:
+    """Signed distance of each point from the plane, metres, positive towards the camera: float32 (H, W), holes NaN."""
+    words = words_of(cloud)
+    out = np.empty(words.shape, np.float32)
+    _heights(words.words, words.layout, plane.coefficients(), out.reshape(-1))
+    return out
+
+
+def inliers(cloud: Points | NDArray[np.floating[Any]], plane: Plane, tolerance: float) -> NDArray[np.bool_]:
+    """Mask (H, W) of the points with |n.p - d| <= tolerance, metres; False at holes.
+
+    Raises:
+        GeometryError: tolerance is negative or NaN.
+    """
+    _require_tolerance(tolerance)
+    words = words_of(cloud)
+    out = np.empty(words.shape, np.bool_)
+    _near(words.words, words.layout, plane.coefficients(), np.float32(tolerance), out.reshape(-1))
+    return out
+
+
+def select(points: Points, plane: Plane, tolerance: float) -> Points:
+    """The points within tolerance of the plane: (1, M), all fields as they are, in the cloud's order.
+
+    Raises:
+        GeometryError: tolerance is negative or NaN.
+    """
+    return take(points, inliers(points, plane, tolerance))
+
+
+def frame_on_plane(plane: Plane, point: ArrayLike) -> NDArray[np.float64]:
+    """T_camera_plane (4, 4): a frame on the plane, as the book builds it from a selected patch.
+
+    The origin is `point` (3,) (the patch's centroid), metres, dropped onto the plane; z is the normal; x is the
+    camera's x axis laid into the plane; y = z cross x. Where the normal runs along the camera's x axis (within 0.06
+    degrees), the camera's y axis is laid into the plane for y instead.
+    """
+    z = plane.normal
+    x = np.array([1.0, 0.0, 0.0]) - z[0] * z
+    if np.linalg.norm(x) < 1e-3:
+        x = np.cross(np.array([0.0, 1.0, 0.0]), z)
+    x = x / np.linalg.norm(x)
+    p = np.asarray(point, dtype=np.float64)
+    T = np.eye(4)
+    T[:3, 0], T[:3, 1], T[:3, 2] = x, np.cross(z, x), z
+    T[:3, 3] = p - (float(z @ p) - plane.distance) * z
+    return T
+
+
+def _consensus(cloud: Words, threshold: float, seed: int, iterations: int) -> Plane:
+    """The best of many planes through three points each."""
+    if not (math.isfinite(threshold) and threshold > 0):
+        raise GeometryError(f"threshold is {threshold} m; expected a length above zero")
+    sample = _sample(cloud.words, cloud.layout, seed, _SAMPLE)
+    if len(sample) < 3:
+        raise GeometryError(f"{len(sample)} points are not enough for a plane; expected at least 3")
+    best = _msac(sample, threshold, seed, iterations)
+    if not best.any():
+        raise GeometryError("all points lie on one line; a plane needs three that do not")
+    return plane_through(best[:3], best[:3] * best[3])
+
+
+def _noise_limit(cloud: Words, plane: Plane, tolerance: float) -> float:
+    """2.5 standard deviations of the plane's own points, from the median of their distances."""
+    distances = np.abs(_sample_heights(cloud, plane))
+    near = distances[distances <= tolerance]
+    sigma = 1.4826 * float(np.median(near)) if len(near) else 0.0
+    return max(2.5 * sigma, _NOISE_FLOOR)
+
+
+def _sample_heights(cloud: Words, plane: Plane) -> NDArray[np.float64]:
+    sample = _sample(cloud.words, cloud.layout, 1, 2 * _SAMPLE)
+    heights: NDArray[np.float64] = sample @ plane.normal - plane.distance
+    return heights
+
+
+def _refit(cloud: Words, plane: Plane, tolerance: float) -> PlaneFit:
+    """Fit by moments to the points near the plane, until they stay the same ones."""
+    count = 0
+    for _ in range(5):
+        sums = moments_near_plane(cloud.words, cloud.layout, plane.coefficients(), tolerance)
+        if sums[0] < 3 or sums[0] == count:
+            break
+        count = int(sums[0])
+        centroid, spread = covariance(sums)
+        variances, axes = principal_axes(spread)
+        if variances[1] <= 1e-12 * variances[2]:
+            raise GeometryError("all points near the plane lie on one line; a plane needs three that do not")
+        plane = plane_through(axes[:, 0], centroid + plane.normal * plane.distance)
+    return PlaneFit(plane, *_quality(cloud, plane, tolerance))
+
+
+def _quality(cloud: Words, plane: Plane, tolerance: float) -> tuple[int, float]:
+    sums = moments_near_plane(cloud.words, cloud.layout, plane.coefficients(), tolerance)
+    n = plane.normal
+    squares = np.array([[sums[4], sums[5], sums[6]], [sums[5], sums[7], sums[8]], [sums[6], sums[8], sums[9]]])
+    return int(sums[0]), math.sqrt(max(float(n @ squares @ n), 0.0) / max(sums[0], 1.0))
+
+
+def _require_tolerance(tolerance: float) -> None:
+    if not tolerance >= 0:
+        raise GeometryError(f"tolerance is {tolerance} m; expected zero or more")
+
+
+@njit(cache=True, nogil=True)
+def _random(state: int) -> int:
+    """The next of a sequence of 63-bit numbers (splitmix64, Steele et al. 2014), the same on every machine."""
+    z = np.uint64(state) * np.uint64(0x9E3779B97F4A7C15)
+    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return int((z ^ (z >> np.uint64(31))) >> np.uint64(1))
+
+
+@njit(cache=True, nogil=True)
+def _sample(words: NDArray[np.float32], layout: Layout, seed: int, size: int) -> NDArray[np.float64]:
+    """About `size` finite points (K, 3), one at random out of each of `size` equal stretches of the cloud."""
+    step, at_x, at_y, at_z = layout
+    count = len(words) // step
+    sample = np.empty((min(size, count), 3))
+    used = 0
+    for k in range(len(sample)):
+        low, high = k * count // len(sample), (k + 1) * count // len(sample)
+        for attempt in range(4):
+            i = low + _random((seed + 1) * 0x100000 + 4 * k + attempt) % (high - low)
+            x, y, z = words[step * i + at_x], words[step * i + at_y], words[step * i + at_z]
+            if math.isfinite(x) and math.isfinite(y) and math.isfinite(z):
+                sample[used, 0], sample[used, 1], sample[used, 2] = x, y, z
+                used += 1
+                break
+    if used < min(64, len(sample)):
+        return _finite(words, layout)
+    return sample[:used]
+
+
+@njit(cache=True, nogil=True)
+def _finite(words: NDArray[np.float32], layout: Layout) -> NDArray[np.float64]:
+    """Finite points (K, 3), at most 65536 of them: for clouds that are nearly all holes."""
+    step, at_x, at_y, at_z = layout
+    found = np.empty((65536, 3))
+    used = 0
+    for i in range(len(words) // step):
+        x, y, z = words[step * i + at_x], words[step * i + at_y], words[step * i + at_z]
+        if math.isfinite(x) and math.isfinite(y) and math.isfinite(z) and used < len(found):
+            found[used, 0], found[used, 1], found[used, 2] = x, y, z
+            used += 1
+    return found[:used]
+
+
+@njit(cache=True, nogil=True)
+def _msac(sample: NDArray[np.float64], threshold: float, seed: int, iterations: int) -> NDArray[np.float64]:
+    """The plane nx, ny, nz, d through three points of the sample whose truncated squared distances sum up least."""
+    count = len(sample)
+    best = np.zeros(4)
+    best_cost = np.inf
+    limit = threshold * threshold
+    needed = float(iterations)
+    k = 0
+    while k < needed:
+        state = (seed + 1) * 0x10000000 + 3 * k
+        k += 1
+        a, b, c = sample[_random(state) % count], sample[_random(state + 1) % count], sample[_random(state + 2) % count]
+        ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+        vx, vy, vz = c[0] - a[0], c[1] - a[1], c[2] - a[2]
+        nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+        length = math.sqrt(nx * nx + ny * ny + nz * nz)
+        longest = max(ux * ux + uy * uy + uz * uz, vx * vx + vy * vy + vz * vz)
+        if length <= 1e-6 * longest or longest == 0.0:
+            continue
+        nx, ny, nz = nx / length, ny / length, nz / length
+        d = nx * a[0] + ny * a[1] + nz * a[2]
+        cost = 0.0
+        inside = 0
+        for i in range(count):
+            e = nx * sample[i, 0] + ny * sample[i, 1] + nz * sample[i, 2] - d
+            square = e * e
+            inside += 1 if square <= limit else 0
+            cost += min(square, limit)
+            if i & 255 == 255 and cost >= best_cost:
+                break
+        if cost < best_cost:
+            best_cost = cost
+            best[0], best[1], best[2], best[3] = nx, ny, nz, d
+            chance = (inside / count) ** 3
+            if chance > 0.999:
+                break
+            needed = min(needed, math.log(1e-3) / math.log(1.0 - chance)) if chance > 0.0 else needed
+            needed = max(needed, min(50.0, float(iterations)))
+    return best
+
+
+@njit(cache=True, nogil=True)
+def _heights(words: NDArray[np.float32], layout: Layout, plane: NDArray[np.float64], out: NDArray[np.float32]) -> None:
+    step, at_x, at_y, at_z = layout
+    nx, ny, nz, d = np.float32(plane[0]), np.float32(plane[1]), np.float32(plane[2]), np.float32(plane[3])
+    if step == 4 and at_x == 0 and at_y == 1 and at_z == 2:
+        for i in range(len(out)):
+            out[i] = nx * words[4 * i] + ny * words[4 * i + 1] + nz * words[4 * i + 2] - d
+    else:
+        for i in range(len(out)):
+            out[i] = nx * words[step * i + at_x] + ny * words[step * i + at_y] + nz * words[step * i + at_z] - d
+
+
+@njit(cache=True, nogil=True)
+def _near(
+    words: NDArray[np.float32], layout: Layout, plane: NDArray[np.float64], limit: Any, out: NDArray[np.bool_]
+) -> None:
+    step, at_x, at_y, at_z = layout
+    nx, ny, nz, d = np.float32(plane[0]), np.float32(plane[1]), np.float32(plane[2]), np.float32(plane[3])
+    if step == 4 and at_x == 0 and at_y == 1 and at_z == 2:
+        for i in range(len(out)):
+            out[i] = abs(nx * words[4 * i] + ny * words[4 * i + 1] + nz * words[4 * i + 2] - d) <= limit
+    else:
+        for i in range(len(out)):
+            x, y, z = words[step * i + at_x], words[step * i + at_y], words[step * i + at_z]
+            out[i] = abs(nx * x + ny * y + nz * z - d) <= limit
+
+
+def warm_up() -> None:
+    """Compile the kernels of this file."""
+    xyz = np.array([[0, 0, 1], [1, 0, 1], [0, 1, 1], [1, 1, 1]], np.float32)
+    plane = fit_robust(xyz).plane
+    ransac_plane(xyz, 0.01)
+    heights(xyz, plane)
+    inliers(xyz, plane, 0.01)
+    take(np.zeros((1, 2), [("x", "<f4")]), np.ones((1, 2), np.bool_))
