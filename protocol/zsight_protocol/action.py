@@ -13,7 +13,7 @@ from typing import Annotated, Generic, TypeVar
 from pydantic import Field, Strict, StringConstraints
 
 from zsight_protocol.errors import ProtocolError
-from zsight_protocol.message import Float64, Message, Time
+from zsight_protocol.message import Bare, Float64, Message, Time
 
 __all__ = [
     "ENDED",
@@ -82,7 +82,7 @@ class CancelCode(IntEnum):
     ALREADY_ENDED = 3
 
 
-State = Annotated[GoalState, Strict(False)]
+State = Annotated[GoalState, Bare()]
 Result = TypeVar("Result", bound=Message)
 
 
@@ -106,7 +106,7 @@ class CancelRequest(Message):
 class CancelResponse(Message):
     """What became of it, and which goals are being cancelled."""
 
-    code: Annotated[CancelCode, Strict(False)]
+    code: Annotated[CancelCode, Bare()]
     goals: Annotated[tuple[GoalId, ...], Strict(False)] = ()
 
 

@@ -64,6 +64,10 @@ CHANNELS = (
 _NAME = re.compile(r"[a-z0-9_][a-z0-9_.-]*")
 
 
+# A camera of such a name would give its keys to another row.
+_RESERVED = frozenset(first for channel in CHANNELS if (first := channel.pattern.split("/")[0]) != "*")
+
+
 def require_name(name: str, what: str) -> str:
     """The name, where it can stand in a key.
 
@@ -77,6 +81,22 @@ def require_name(name: str, what: str) -> str:
     return name
 
 
+def _camera(name: str) -> str:
+    if name in _RESERVED:
+        raise KeyNameError(f"camera is {name!r}; expected a name other than {', '.join(sorted(_RESERVED))}")
+    return require_name(name, "camera")
+
+
+def _name_or_any(name: str, what: str) -> str:
+    return name if name == "*" else require_name(name, what)
+
+
+def _fits(pattern: str, chunk: str) -> bool:
+    if pattern == "*":
+        return chunk == "*" or _NAME.fullmatch(chunk) is not None
+    return pattern == chunk
+
+
 def channel_of(key: str, namespace: str) -> Channel:
     """The row that a key belongs to.
 
@@ -86,9 +106,9 @@ def channel_of(key: str, namespace: str) -> Channel:
     if not key.startswith(f"{namespace}/"):
         raise KeyNameError(f"key is {key!r}; expected it to start with {namespace}/")
     chunks = key[len(namespace) + 1 :].split("/")
-    for channel in CHANNELS:
+    for channel in sorted(CHANNELS, key=lambda row: row.pattern.startswith("*")):  # cameras' keys come last
         pattern = channel.pattern.split("/")
-        if len(pattern) == len(chunks) and all(p in ("*", c) for p, c in zip(pattern, chunks, strict=True)):
+        if len(pattern) == len(chunks) and all(map(_fits, pattern, chunks)):
             return channel
     known = ", ".join(channel.pattern for channel in CHANNELS)
     raise KeyNameError(f"key is {key!r}; expected {namespace}/ and one of {known}")
@@ -110,27 +130,27 @@ class Cell:
 
     def points(self, camera: str) -> str:
         """Clouds as the camera measures them."""
-        return self._key(require_name(camera, "camera"), "points")
+        return self._key(_camera(camera), "points")
 
     def voxel_points(self, camera: str) -> str:
         """Down-sampled clouds."""
-        return self._key(require_name(camera, "camera"), "points", "voxel")
+        return self._key(_camera(camera), "points", "voxel")
 
     def camera_info(self, camera: str) -> str:
         """Calibration of a camera."""
-        return self._key(require_name(camera, "camera"), "camera_info")
+        return self._key(_camera(camera), "camera_info")
 
     def selected_points(self, camera: str) -> str:
         """Patches that a person selected."""
-        return self._key(require_name(camera, "camera"), "selected_points")
+        return self._key(_camera(camera), "selected_points")
 
     def plane(self, camera: str) -> str:
         """Planes of selected patches."""
-        return self._key(require_name(camera, "camera"), "plane")
+        return self._key(_camera(camera), "plane")
 
     def plane_points(self, camera: str) -> str:
         """Coplanar points of those planes."""
-        return self._key(require_name(camera, "camera"), "plane", "points")
+        return self._key(_camera(camera), "plane", "points")
 
     @property
     def tf_static(self) -> str:
@@ -144,7 +164,7 @@ class Cell:
 
     def find_object(self, finder: str) -> str:
         """Goals of one finder; '*' for any."""
-        return self._key("find_object", finder if finder == "*" else require_name(finder, "finder"))
+        return self._key("find_object", _name_or_any(finder, "finder"))
 
     def cancel(self, finder: str) -> str:
         """Cancel requests of one finder."""
@@ -160,12 +180,12 @@ class Cell:
 
     def catalog(self, name: str) -> str:
         """One type of the catalogue; '*' for all."""
-        return self._key("catalog", name if name == "*" else require_name(name, "type"))
+        return self._key("catalog", _name_or_any(name, "type"))
 
     def health(self, host: str, process: str) -> str:
-        """Beats of a process; '*' for any host or process."""
-        return self._key("@health", host, process)
+        """Beats of a process; '*' for any host or process. Hosts stand in lower case: their case says nothing."""
+        return self._key("@health", _name_or_any(host.lower(), "host"), _name_or_any(process, "process"))
 
     def alive(self, host: str, process: str) -> str:
         """Liveliness token of a process; '*' for any host or process."""
-        return self._key("@alive", host, process)
+        return self._key("@alive", _name_or_any(host.lower(), "host"), _name_or_any(process, "process"))

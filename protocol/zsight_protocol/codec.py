@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import msgpack
 from pydantic import ValidationError
 
-from zsight_protocol.errors import DecodeError
+from zsight_protocol.errors import DecodeError, EncodeError, shortened
 
 if TYPE_CHECKING:
     from zsight_protocol.message import Message
@@ -23,13 +23,16 @@ __all__ = ["ALIGNMENT", "decode", "encode", "encode_parts"]
 
 ALIGNMENT = 16
 _HEAD_LIMIT = 64 * 1024  # bytes that the entries before a blob may take
-_LENGTH_LIMIT = 65_536  # entries of one list or map; bounds what a lying length can allocate
 
 M = TypeVar("M", bound="Message")
 
 
 def encode(message: Message) -> bytes:
-    """The bytes of a message."""
+    """The bytes of a message.
+
+    Raises:
+        EncodeError: it holds a number that no message can carry.
+    """
     return b"".join(encode_parts(message))
 
 
@@ -38,18 +41,29 @@ def encode_parts(message: Message) -> tuple[bytes, Buffer]:
 
     Returns:
         Everything before the blob, and the blob (empty for a message that has none).
+
+    Raises:
+        EncodeError: the message holds a number that no message can carry.
     """
     entries = message.model_dump(mode="python", exclude={"data"})
     blob: Buffer | None = getattr(message, "data", None)
     packer = msgpack.Packer()
     if blob is None:
-        return packer.pack(entries), b""
+        return _packed(packer, message, entries), b""
     head = packer.pack_map_header(len(entries) + 2)
     head += b"".join(packer.pack(key) + packer.pack(value) for key, value in entries.items())
     head += packer.pack("_")
     tail = packer.pack("data") + struct.pack(">BI", 0xC6, len(blob))
     padding = -(len(head) + 2 + len(tail)) % ALIGNMENT
     return head + struct.pack(">BB", 0xC4, padding) + bytes(padding) + tail, blob
+
+
+def _packed(packer: msgpack.Packer, message: Message, entries: dict[str, Any]) -> bytes:
+    try:
+        packed: bytes = packer.pack(entries)
+    except OverflowError:
+        raise EncodeError(f"{type(message).__name__} holds a whole number of more than 64 bits") from None
+    return packed
 
 
 def decode(kind: type[M], payload: Buffer) -> M:
@@ -73,46 +87,69 @@ def decode(kind: type[M], payload: Buffer) -> M:
         raise DecodeError.from_validation(kind.__name__, error) from None
 
 
-def _unpacker(size: int) -> msgpack.Unpacker:
-    length = min(size, _LENGTH_LIMIT)
-    return msgpack.Unpacker(
+class _Reader:
+    """Unpacks item by item, and walks through each one first: only what is really there is ever allocated.
+
+    Without that, lists that declare long lists that declare long lists make gigabytes of a few kilobytes.
+    """
+
+    def __init__(self, view: memoryview) -> None:
+        self._walker, self._unpacker = (_fed_unpacker(view) for _ in range(2))
+
+    def map_size(self) -> int:
+        self._walker.read_map_header()
+        size: int = self._unpacker.read_map_header()
+        return size
+
+    def item(self) -> Any:
+        self._walker.skip()
+        return self._unpacker.unpack()
+
+    def tell(self) -> int:
+        position: int = self._unpacker.tell()
+        return position
+
+
+def _fed_unpacker(view: memoryview) -> msgpack.Unpacker:
+    size = len(view)
+    unpacker = msgpack.Unpacker(
         max_buffer_size=max(size, 1),
         max_str_len=size,
         max_bin_len=size,
-        max_array_len=length,
-        max_map_len=length,
+        max_array_len=size,
+        max_map_len=size,
         max_ext_len=0,
     )
+    unpacker.feed(view)
+    return unpacker
 
 
 def _all_entries(view: memoryview) -> dict[str, Any]:
-    unpacker = _unpacker(len(view))
-    unpacker.feed(view)
-    entries = unpacker.unpack()
+    reader = _Reader(view)
+    entries = reader.item()
     if not isinstance(entries, dict):
         raise DecodeError(f"the bytes hold a {type(entries).__name__}; expected a map")
-    if unpacker.tell() != len(view):
-        raise DecodeError(f"{len(view) - unpacker.tell()} bytes follow the map; expected none")
+    if reader.tell() != len(view):
+        raise DecodeError(f"{len(view) - reader.tell()} bytes follow the map; expected none")
     return entries
 
 
 def _entries_before_blob(view: memoryview) -> dict[str, Any]:
-    unpacker = _unpacker(min(len(view), _HEAD_LIMIT))
-    unpacker.feed(view[:_HEAD_LIMIT])
+    reader = _Reader(view[:_HEAD_LIMIT])
     entries: dict[str, Any] = {}
-    size = unpacker.read_map_header()
+    size = reader.map_size()
     for index in range(size):
-        key = unpacker.unpack()
+        key = reader.item()
         if not isinstance(key, str):
             raise DecodeError(f"a key is a {type(key).__name__}; expected text")
         if key in entries:
-            raise DecodeError(f"entry {key} stands there twice")
+            raise DecodeError(f"entry {shortened(key)} stands there twice")
         if key == "data":
             if index != size - 1:
                 raise DecodeError(f"data is entry {index + 1} of {size}; expected it to be the last")
-            entries["data"] = _blob(view, unpacker.tell())
+            entries["data"] = _blob(view, reader.tell())
         else:
-            entries[key] = unpacker.unpack()
+            entries[key] = reader.item()
     entries.pop("_", None)
     return entries
 

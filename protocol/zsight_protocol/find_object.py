@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from enum import IntEnum, StrEnum
-from typing import Annotated, Any
+from typing import Annotated
 
 from pydantic import Field, Strict
 
 from zsight_protocol.action import GoalId
 from zsight_protocol.geometry import Pose, Region, Vector3
-from zsight_protocol.message import Float64, Header, Message, Tuple3
+from zsight_protocol.message import Bare, Count, Extras, Float64, Header, Message, Tuple3
 
 __all__ = ["Capture", "DetectedObject", "FindObjectGoal", "FindObjectResult", "ResultCode", "Status", "Support"]
 
@@ -57,7 +57,7 @@ class FindObjectGoal(Message):
     frame_id: Annotated[str, Field(max_length=256)] = ""
     known_height: Float64 | None = None
     region: Region | None = None
-    capture: Annotated[Capture, Strict(False)] = Capture.LAST
+    capture: Annotated[Capture, Bare()] = Capture.LAST
     maximum: Annotated[int, Field(ge=0, le=1000)] = 1
     timeout: Annotated[Float64, Field(gt=0, le=3600)] = 10.0
 
@@ -78,7 +78,7 @@ class DetectedObject(Message):
     """
 
     type: Name
-    code: int | None = None
+    code: Count | None = None
     score: Probability
     pose: Pose
     size: Tuple3
@@ -95,12 +95,12 @@ class FindObjectResult(Message):
     """The answer, stamped with the time and the frame in which the cloud was measured and the poses are given."""
 
     header: Header
-    code: Annotated[ResultCode, Strict(False)]
-    status: Annotated[Status, Strict(False)]
+    code: Annotated[ResultCode, Bare()]
+    status: Annotated[Status, Bare()]
     message: str = ""
     finder: str = ""
     objects: Annotated[tuple[DetectedObject, ...], Strict(False)] = ()
     p_absent: Probability = 0.0
     deadline_passed: bool = False
-    report: dict[str, Any] = Field(default_factory=dict)
+    report: Extras = Field(default_factory=dict)
     timings_ms: dict[str, Float64] = Field(default_factory=dict)

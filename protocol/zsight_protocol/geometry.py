@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Self
 
 from pydantic import Field, Strict, model_validator
 
-from zsight_protocol.message import Float64, Header, Message, Tuple3
+from zsight_protocol.message import Count, Float64, Header, Message, Tuple3
 
 __all__ = [
     "Plane",
@@ -44,7 +45,7 @@ class Quaternion(Message):
 
     @model_validator(mode="after")
     def _require_unit_length(self) -> Self:
-        length = (self.x**2 + self.y**2 + self.z**2 + self.w**2) ** 0.5
+        length = math.hypot(self.x, self.y, self.z, self.w)  # huge numbers become inf here and no OverflowError
         if abs(length - 1) > 1e-3:
             raise ValueError(f"quaternion has length {length:.4g}; expected 1")
         return self
@@ -109,6 +110,6 @@ class Plane(Message):
     normal: Vector3
     distance: Float64
     pose: Pose
-    inliers: Annotated[int, Field(ge=0)]
+    inliers: Count
     tolerance: Annotated[Float64, Field(gt=0)]
     rms: Annotated[Float64, Field(ge=0)]

@@ -7,11 +7,9 @@ from typing import Annotated
 
 from pydantic import Field, Strict
 
-from zsight_protocol.message import Float64, Header, Message, Time
+from zsight_protocol.message import Bare, Count, Float64, Header, Message, Time
 
 __all__ = ["Health", "Level", "ReaderHealth", "WriterHealth"]
-
-Count = Annotated[int, Field(ge=0)]
 
 
 class Level(IntEnum):
@@ -53,7 +51,7 @@ class Health(Message):
     pid: Count
     version: str
     started: Time
-    level: Annotated[Level, Strict(False)]
+    level: Annotated[Level, Bare()]
     last_error: str = ""
     errors: Count = 0
     memory_bytes: Count = 0

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import time
-from typing import Annotated, Self
+from typing import TYPE_CHECKING, Annotated, Any, Self
 
-from pydantic import BaseModel, ConfigDict, Field, Strict
+from pydantic import BaseModel, ConfigDict, Field, JsonValue, Strict
+from pydantic_core import core_schema
 
-__all__ = ["Float64", "Header", "Message", "Time", "Tuple3", "Tuple4"]
+if TYPE_CHECKING:
+    from pydantic import GetCoreSchemaHandler
+
+__all__ = ["Bare", "Count", "Extras", "Float64", "Header", "Message", "Time", "Tuple3", "Tuple4"]
 
 
 class Message(BaseModel):
@@ -16,6 +20,24 @@ class Message(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
 
+class Bare:
+    """Marks an enumeration that travels as its bare number or word, and comes back from exactly that type."""
+
+    def __get_pydantic_core_schema__(self, source: type[Any], handler: GetCoreSchemaHandler) -> core_schema.CoreSchema:
+        """Refuse what pydantic would convert (true and "1" to 1), then look the value up."""
+        plain = int if issubclass(source, int) else str
+        lookup = handler.generate_schema(Annotated[source, Strict(False)])
+
+        def require_plain(value: object) -> object:
+            if type(value) not in (plain, source):
+                raise ValueError(f"got {type(value).__name__}; expected {plain.__name__}")
+            return value
+
+        return core_schema.no_info_before_validator_function(require_plain, lookup)
+
+
+Count = Annotated[int, Field(ge=0, lt=2**63)]
+Extras = dict[str, JsonValue]  # what users carry along: text, numbers, truth values, lists and maps of them
 Float64 = Annotated[float, Field(allow_inf_nan=False)]
 # msgpack knows one kind of sequence, so a list on the wire may become a tuple here; the numbers inside stay strict.
 Tuple3 = Annotated[tuple[Float64, Float64, Float64], Strict(False)]

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Self
+from typing import Annotated, Self
 
 from pydantic import Field, Strict, StringConstraints, model_validator
 
-from zsight_protocol.message import Float64, Message
+from zsight_protocol.message import Extras, Float64, Message
 
 __all__ = [
     "BoxShape",
@@ -85,8 +85,8 @@ class ObjectType(Message):
     shape: ShapeOf
     color: Annotated[tuple[Channel8, Channel8, Channel8], Strict(False)] | None = None
     description: Annotated[str, Field(max_length=2000)] = ""
-    grasps: Annotated[tuple[dict[str, Any], ...], Strict(False), Field(max_length=64)] = ()
-    properties: dict[str, Any] = Field(default_factory=dict)
+    grasps: Annotated[tuple[Extras, ...], Strict(False), Field(max_length=64)] = ()
+    properties: Extras = Field(default_factory=dict)
 
 
 class CatalogRequest(Message):

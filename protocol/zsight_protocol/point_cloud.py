@@ -7,13 +7,14 @@ from typing import Annotated, Self
 
 from pydantic import Field, PlainValidator, Strict, model_validator
 
-from zsight_protocol.message import Header, Message
+from zsight_protocol.message import Bare, Header, Message
 
-__all__ = ["MAXIMUM_POINTS", "Buffer", "Datatype", "PointCloud2", "PointField"]
+__all__ = ["MAXIMUM_BYTES", "MAXIMUM_POINTS", "Buffer", "Datatype", "PointCloud2", "PointField"]
 
 Buffer = bytes | bytearray | memoryview
 
 MAXIMUM_POINTS = 2**27  # 134 million points, 2 GiB at 16 bytes: more is a mistake, not a camera
+MAXIMUM_BYTES = 2**32 - 1  # what the length of a msgpack binary can say
 
 
 class Datatype(IntEnum):
@@ -39,7 +40,7 @@ class PointField(Message):
 
     name: Annotated[str, Field(min_length=1, max_length=64)]
     offset: Annotated[int, Field(ge=0, lt=2**16)]
-    datatype: Annotated[Datatype, Strict(False)]
+    datatype: Annotated[Datatype, Bare()]
     count: Annotated[int, Field(ge=1, lt=2**16)] = 1
 
     @property
@@ -51,9 +52,11 @@ class PointField(Message):
 def _require_buffer(data: object) -> Buffer:
     if not isinstance(data, bytes | bytearray | memoryview):
         raise ValueError(f"got {type(data).__name__}; expected bytes")
-    if isinstance(data, memoryview) and not (data.contiguous and data.itemsize == 1):
-        raise ValueError("got a memoryview with strides; expected contiguous bytes")
-    return data
+    if not isinstance(data, memoryview):
+        return data
+    if not data.c_contiguous or data.itemsize != 1:
+        raise ValueError("got a memoryview with strides or of wider numbers; expected contiguous bytes")
+    return data.cast("B") if data.ndim != 1 else data
 
 
 class PointCloud2(Message):
@@ -88,6 +91,8 @@ class PointCloud2(Message):
         if self.row_step != self.width * self.point_step:
             expected = f"{self.width} x {self.point_step} = {self.width * self.point_step}"
             raise ValueError(f"row_step is {self.row_step}; expected width x point_step = {expected}")
+        if self.row_step * self.height > MAXIMUM_BYTES:
+            raise ValueError(f"{points} points of {self.point_step} bytes; expected at most {MAXIMUM_BYTES} bytes")
         if len(self.data) != self.row_step * self.height:
             expected = f"{self.height} x {self.row_step} = {self.height * self.row_step}"
             raise ValueError(f"data has {len(self.data)} bytes; expected height x row_step = {expected}")
