@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from zsight_core import pcd
+from zsight_core import pcd, ply
 from zsight_core.errors import FileError
 from zsight_core.pcd_header import LEVEL, Viewpoint
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 __all__ = ["SUFFIXES", "LoadedCloud", "list_clouds", "natural_order", "read"]
 
-SUFFIXES = (".pcd",)
+SUFFIXES = (".pcd", ".ply")
 
 
 @dataclass(frozen=True)
@@ -44,6 +44,8 @@ def read(path: AnyPath) -> LoadedCloud:
         case ".pcd":
             file = pcd.read(path)
             return LoadedCloud(_usable(file.points, path), file.viewpoint)
+        case ".ply":
+            return LoadedCloud(_usable(ply.read(path).points, path))
         case suffix:
             raise FileError(path, f"has the suffix {suffix!r}; clouds are read from {' and '.join(SUFFIXES)} files")
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from zsight_core.points import Points
 
-__all__ = ["Column", "RowsError", "format_rows", "parse_rows", "warm_up"]
+__all__ = ["Column", "RowsError", "columns_of", "format_rows", "least_bytes", "parse_rows", "warm_up"]
 
 
 @dataclass(frozen=True)
@@ -53,13 +53,27 @@ _ROWS_AT_ONCE = 1 << 15
 _DONE, _HARD, _SHORT_ROW, _LONG_ROW, _JUNK, _RANGE, _FEW_ROWS, _MANY_ROWS = range(8)
 
 
-def parse_rows(text: NDArray[np.uint8], records: NDArray[np.uint8], columns: Sequence[Column]) -> None:
+def columns_of(dtype: np.dtype[Any]) -> list[Column]:
+    """The numbers of a row that fills a record of scalar fields, in their order."""
+    fields: Any = dtype.fields
+    return [Column(fields[name][0].str[1:], fields[name][1]) for name in dtype.names or ()]
+
+
+def least_bytes(rows: int, columns: int) -> int:
+    """The shortest text of so many rows: a digit and a blank a number; the last line may lack its end."""
+    return max(2 * rows * columns - 1, 0)
+
+
+def parse_rows(
+    text: NDArray[np.uint8], records: NDArray[np.uint8], columns: Sequence[Column], *, more: bool = False
+) -> None:
     """Read as many lines as there are records; empty lines are skipped, blanks and tabs part the numbers.
 
     Args:
         text: uint8 (bytes,), the last of which is a line feed.
         records: uint8 (rows, bytes a record), filled at the columns' bytes in little endian.
         columns: the numbers of a line, in order.
+        more: further text may follow the rows.
 
     Raises:
         RowsError: a row is too short or too long, a word is no number or does not fit its type, rows are missing or
@@ -76,7 +90,7 @@ def parse_rows(text: NDArray[np.uint8], records: NDArray[np.uint8], columns: Seq
             if records_at >= 0:
                 bits = _exact(word, columns[column].type)
                 records[row, records_at : records_at + len(bits)] = np.frombuffer(bits, np.uint8)
-        if code == _DONE:
+        if code == _DONE or (code == _MANY_ROWS and more):
             return
         if code != _HARD:
             raise RowsError(_complaint(code, text, records, columns, state))

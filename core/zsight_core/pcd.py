@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import contextlib
-import os
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, Literal, cast
 
 import numpy as np
 
 from zsight_core.atomic_file import AnyPath, atomic_file
 from zsight_core.errors import FileError, PointsError
+from zsight_core.input_file import fill, input_file, require_size
 from zsight_core.pcd_header import LEVEL, Field, Header, Viewpoint, format_header, read_header
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Sequence
     from io import BufferedReader
 
     from numpy.typing import NDArray
@@ -49,10 +47,9 @@ def read(path: AnyPath) -> PcdFile:
     Raises:
         FileError: there is no such file, or it is empty, cut short, contradicts itself or is no PCD file.
     """
-    with _opened(path) as file:
+    with input_file(path) as (file, size):
         header = read_header(file, path)
-        size = os.fstat(file.fileno()).st_size - file.tell()
-        points = _READERS[header.encoding](file, header, size, path)
+        points = _READERS[header.encoding](file, header, size - file.tell(), path)
     return PcdFile(points.reshape(header.height, header.width), header.viewpoint, cast(Encoding, header.encoding))
 
 
@@ -96,22 +93,13 @@ def warm_up() -> None:
     number_rows.warm_up()
 
 
-@contextlib.contextmanager
-def _opened(path: AnyPath) -> Iterator[BufferedReader]:
-    """A regular file open for reading; what the system says against it becomes a FileError."""
-    try:
-        if not Path(path).is_file() and Path(path).exists():
-            raise FileError(path, "is not a regular file")
-        with Path(path).open("rb") as file:
-            yield file
-    except OSError as error:
-        raise FileError(path, f"cannot be read: {error.strerror or error}") from error
-
-
 def _read_binary(file: BufferedReader, header: Header, size: int, path: AnyPath) -> Points:
-    _require_size(size, header, path)
+    expected = header.count * header.record_size
+    require_size(size, expected, path)
+    if size >= expected + header.record_size:
+        raise FileError(path, f"holds {size} bytes of data; its header promises {header.count} points, {expected}")
     points = np.empty(header.count, header.dtype)
-    _fill(file, points, path)
+    fill(file, points, path)
     return points
 
 
@@ -127,7 +115,7 @@ def _read_compressed(file: BufferedReader, header: Header, size: int, path: AnyP
     if data_size > lzf.MAX_RATIO * packed_size:
         raise FileError(path, f"is damaged: {packed_size} compressed bytes cannot hold {data_size}")
     stream, data = np.empty(packed_size, np.uint8), np.empty(data_size, np.uint8)
-    _fill(file, stream, path)
+    fill(file, stream, path)
     if lzf.decompress(stream, data) != data_size:
         raise FileError(path, "is damaged: its compressed data do not expand to what the header promises")
     return _from_columns(data, header)
@@ -137,11 +125,9 @@ def _read_ascii(file: BufferedReader, header: Header, size: int, path: AnyPath) 
     from zsight_core import number_rows
 
     columns = _columns(header)
-    least = header.count * 2 * len(columns) - 1  # a digit and a blank a number; the last line may lack its end
-    if size < least:
-        raise FileError(path, f"is cut short: {size} bytes cannot hold {header.count} rows of {len(columns)} numbers")
+    require_size(size, number_rows.least_bytes(header.count, len(columns)), path)
     text = np.empty(size + 1, np.uint8)
-    _fill(file, text[:size], path)
+    fill(file, text[:size], path)
     text[size] = ord("\n")
     points = np.zeros(header.count, header.dtype)
     records = points.view(np.uint8).reshape(header.count, header.record_size)
@@ -153,23 +139,6 @@ def _read_ascii(file: BufferedReader, header: Header, size: int, path: AnyPath) 
 
 
 _READERS = {"ascii": _read_ascii, "binary": _read_binary, "binary_compressed": _read_compressed}
-
-
-def _require_size(size: int, header: Header, path: AnyPath) -> None:
-    expected = header.count * header.record_size
-    if size < expected:
-        raise FileError(path, f"is cut short: {header.count} points take {expected} bytes of data, {size} are there")
-    if size >= expected + header.record_size:
-        raise FileError(path, f"holds {size} bytes of data; its header promises {header.count} points, {expected}")
-
-
-def _fill(file: BufferedReader, array: NDArray[Any], path: AnyPath) -> None:
-    """Read as many bytes as the array has; a file can shrink while it is read."""
-    if array.nbytes == 0:
-        return
-    got = file.readinto(array.view(np.uint8).data)
-    if got != array.nbytes:
-        raise FileError(path, f"is cut short: {got} of {array.nbytes} bytes of data are there")
 
 
 def _compressed_sizes(file: BinaryIO, path: AnyPath) -> tuple[int, int]:
