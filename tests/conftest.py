@@ -6,6 +6,11 @@ import os
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
+
+# The same examples on every run, and no verdict on how fast a shared machine is.
+settings.register_profile("zsight", derandomize=True, deadline=None, max_examples=50)
+settings.load_profile("zsight")
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 
