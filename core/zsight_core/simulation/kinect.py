@@ -58,6 +58,7 @@ class Kinect:
         uniforms = generator.random((2, *shape), dtype=np.float32)
         lit = np.empty(shape, dtype=np.bool_)
         _light(view.depth, pinhole.fx * self.baseline, lit)
+        least, greatest = depth_around(view.depth)
         measured = np.full(shape, np.nan)
         intrinsics = (pinhole.fx, pinhole.fy, pinhole.cx, pinhole.cy)
         shares = (self.mixed, self.edge_dropout, self.dropout, self.grazing)
@@ -68,6 +69,8 @@ class Kinect:
             view.normal,
             view.reflects,
             lit,
+            least,
+            greatest,
             normals,
             uniforms,
             intrinsics,
@@ -124,6 +127,8 @@ def _measure(
     normal: Any,
     reflects: Any,
     lit: Any,
+    least: Any,
+    greatest: Any,
     normals: Any,
     uniforms: Any,
     intrinsics: tuple[float, float, float, float],
@@ -143,12 +148,12 @@ def _measure(
             if fate < dropout + (1 - reflects[index]):
                 continue
             z = _look_up(depth, v + jitter * normals[0, v, u], u + jitter * normals[1, v, u])
-            least, greatest = depth_around(depth, v, u)
-            if greatest - least > JUMP * least:
+            near, far = least[v, u], greatest[v, u]
+            if far - near > JUMP * near:
                 if fate > 1 - edge_dropout:
                     continue
                 if fate > 1 - edge_dropout - mixed:
-                    z = least + blend * (greatest - least)
+                    z = near + blend * (far - near)
             if not minimum_range <= z <= maximum_range:
                 continue
             step = np.rint(disparity_scale / z + disparity_noise * normals[2, v, u])

@@ -35,7 +35,7 @@ PALETTE = (
 )
 SURFACE_COLOUR = (150, 152, 156)
 LIGHT_IN_WORLD = np.array([-0.48, 0.36, 0.8])  # from behind the usual camera, which looks along x
-AMBIENT = 0.45
+AMBIENT, DIFFUSE, HEADLIGHT = 0.35, 0.4, 0.25  # shares of brightness
 NEAREST = 1e-6  # metres in front of the lens
 
 BOX, CYLINDER, SPHERE, PLANE = 0, 1, 2, 3
@@ -85,7 +85,7 @@ def render(world: World, camera: Camera) -> DepthView:
             _draw_solid(kind, half, inverse(T_camera_model), bounds, intrinsics, index, depth, body_index, normal)
     light = T_camera_world[:3, :3] @ LIGHT_IN_WORLD
     colour = np.zeros((*depth.shape, 3), dtype=np.uint8)
-    _shade(body_index, normal, _body_colours(world), light.astype(np.float32), colour, depth)
+    _shade(body_index, normal, _body_colours(world), light, intrinsics, colour, depth)
     reflects = np.array([body.reflects for body in world.bodies], dtype=np.float64)
     return DepthView(depth, body_index, normal, colour, reflects)
 
@@ -311,16 +311,29 @@ def _draw_mesh(
 
 
 @njit(cache=True, nogil=True)
-def _shade(body_index: Any, normal: Any, body_colours: Any, light: Any, colour: Any, depth: Any) -> None:
-    """Fill colour by Lambert's law with an ambient part, and turn the infinite depth of missed rays to NaN."""
+def _shade(
+    body_index: Any,
+    normal: Any,
+    body_colours: Any,
+    light: Any,
+    intrinsics: tuple[float, float, float, float],
+    colour: Any,
+    depth: Any,
+) -> None:
+    """Fill colour by Lambert's law for a far light and one at the eye; infinite depth of missed rays becomes NaN."""
+    fx, fy, cx, cy = intrinsics
     height, width = body_index.shape
     for v in range(height):
+        y = (v - cy) / fy
         for u in range(width):
             index = body_index[v, u]
             if index < 0:
                 depth[v, u] = np.nan
                 continue
-            lit = normal[v, u, 0] * light[0] + normal[v, u, 1] * light[1] + normal[v, u, 2] * light[2]
-            brightness = AMBIENT + (1 - AMBIENT) * max(lit, np.float32(0))
+            x = (u - cx) / fx
+            nx, ny, nz = normal[v, u, 0], normal[v, u, 1], normal[v, u, 2]
+            lit = max(nx * light[0] + ny * light[1] + nz * light[2], 0.0)
+            facing = -(nx * x + ny * y + nz) / np.sqrt(x * x + y * y + 1)
+            brightness = AMBIENT + DIFFUSE * lit + HEADLIGHT * facing
             for channel in range(3):
                 colour[v, u, channel] = np.uint8(brightness * body_colours[index, channel])

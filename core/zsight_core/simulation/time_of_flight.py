@@ -50,6 +50,7 @@ class TimeOfFlight:
         shape = view.depth.shape
         normals = generator.standard_normal(shape, dtype=np.float32)
         uniforms = generator.random((2, *shape), dtype=np.float32)
+        least, greatest = depth_around(view.depth)
         measured = np.full(shape, np.nan)
         intrinsics = (pinhole.fx, pinhole.fy, pinhole.cx, pinhole.cy)
         shares = (self.flying, self.dropout, self.grazing)
@@ -59,6 +60,8 @@ class TimeOfFlight:
             view.body_index,
             view.normal,
             view.reflects,
+            least,
+            greatest,
             normals,
             uniforms,
             intrinsics,
@@ -75,6 +78,8 @@ def _measure(
     body_index: Any,
     normal: Any,
     reflects: Any,
+    least: Any,
+    greatest: Any,
     normals: Any,
     uniforms: Any,
     intrinsics: tuple[float, float, float, float],
@@ -99,9 +104,9 @@ def _measure(
             if facing < grazing:
                 continue
             z = depth[v, u]
-            least, greatest = depth_around(depth, v, u)
-            if greatest - least > JUMP * least and fate > 1 - flying:
-                z = least + uniforms[1, v, u] * (greatest - least)
+            near, far = least[v, u], greatest[v, u]
+            if far - near > JUMP * near and fate > 1 - flying:
+                z = near + uniforms[1, v, u] * (far - near)
             along = z * stretch
             along += normals[v, u] * np.sqrt(floor**2 + (noise_at_one_metre * along**2 / facing) ** 2)
             if minimum_range <= along <= maximum_range:
