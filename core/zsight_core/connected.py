@@ -95,9 +95,9 @@ def _flood_image(
 def _square(words: NDArray[np.float32], layout: Layout, here: int, there: int) -> float:
     """Squared distance of two points; NaN where one is a hole."""
     step, at_x, at_y, at_z = layout
-    dx = float(words[step * here + at_x]) - words[step * there + at_x]
-    dy = float(words[step * here + at_y]) - words[step * there + at_y]
-    dz = float(words[step * here + at_z]) - words[step * there + at_z]
+    dx = float(words[step * here + at_x]) - float(words[step * there + at_x])
+    dy = float(words[step * here + at_y]) - float(words[step * there + at_y])
+    dz = float(words[step * here + at_z]) - float(words[step * there + at_z])
     return dx * dx + dy * dy + dz * dz
 
 
@@ -160,10 +160,10 @@ def _cell(
     words: NDArray[np.float32], at_x: int, at_y: int, at_z: int, inverse: float, dx: int, dy: int, dz: int
 ) -> int:
     """Hash of the cell that lies dx, dy, dz cells from the cell of a point."""
-    x = np.int64(math.floor(words[at_x] * inverse)) + dx
-    y = np.int64(math.floor(words[at_y] * inverse)) + dy
-    z = np.int64(math.floor(words[at_z] * inverse)) + dz
-    mixed = (x * 73856093) ^ (y * 19349669) ^ (z * 83492791)
+    x = math.floor(words[at_x] * inverse) + dx
+    y = math.floor(words[at_y] * inverse) + dy
+    z = math.floor(words[at_z] * inverse) + dz
+    mixed: int = (x * 73856093) ^ (y * 19349669) ^ (z * 83492791)
     return mixed ^ (mixed >> 17)
 
 

@@ -17,7 +17,7 @@ from pathlib import Path
 
 __all__ = ["SHARED", "folder", "is_stamped", "stamp", "use"]
 
-SHARED = ("words.py", "moments.py")
+SHARED = ("contour.py", "moments.py", "points.py", "render.py", "simulation/depth_edge.py", "words.py")
 """Files of this package whose kernels are called by kernels of other files; a test compares this list with the code."""
 
 _PACKAGE = Path(__file__).resolve().parent
@@ -65,8 +65,8 @@ def is_stamped() -> bool:
 def _tag() -> str:
     """What a folder of kernels depends on beyond what numba checks itself."""
     digest = hashlib.blake2b(digest_size=6)
-    for name in SHARED:
-        digest.update((_PACKAGE / name).read_bytes())
+    for path in (_PACKAGE / name for name in SHARED):
+        digest.update(path.read_bytes() if path.exists() else b"")
     for part in (_version("zsight"), _version("numba")):
         digest.update(part.encode())
     return f"{sys.implementation.cache_tag}-{platform.machine()}-{digest.hexdigest()}"

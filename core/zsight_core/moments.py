@@ -34,7 +34,7 @@ def moments_near_plane(
     step, at_x, at_y, at_z = layout
     nx, ny, nz = np.float32(plane[0]), np.float32(plane[1]), np.float32(plane[2])
     px, py, pz = np.float32(plane[0] * plane[3]), np.float32(plane[1] * plane[3]), np.float32(plane[2] * plane[3])
-    limit = np.float32(tolerance)
+    limit = np.float32(min(tolerance, 3.4e38))  # a point that is not finite lies farther off than this, or NaN
     total = np.zeros(10)
     part = np.zeros(10, np.float32)
     count = len(words) // step
@@ -72,7 +72,7 @@ def _tile_moments(
         x = tile[step * i + at_x] - px
         y = tile[step * i + at_y] - py
         z = tile[step * i + at_z] - pz
-        inside = abs(nx * x + ny * y + nz * z) <= limit and (x - x) + (y - y) + (z - z) == zero
+        inside = abs(nx * x + ny * y + nz * z) <= limit
         x = x if inside else zero
         y = y if inside else zero
         z = z if inside else zero

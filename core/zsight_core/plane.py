@@ -175,7 +175,7 @@ def frame_on_plane(plane: Plane, point: ArrayLike) -> NDArray[np.float64]:
 
 
 def _consensus(cloud: Words, threshold: float, seed: int, iterations: int) -> Plane:
-    """The best of many planes through three points each."""
+    """The best of many planes through three points each, refitted to its share of the sample."""
     if not (math.isfinite(threshold) and threshold > 0):
         raise GeometryError(f"threshold is {threshold} m; expected a length above zero")
     sample = _sample(cloud.words, cloud.layout, seed, _SAMPLE)
@@ -184,7 +184,7 @@ def _consensus(cloud: Words, threshold: float, seed: int, iterations: int) -> Pl
     best = _msac(sample, threshold, seed, iterations)
     if not best.any():
         raise GeometryError("all points lie on one line; a plane needs three that do not")
-    return plane_through(best[:3], best[:3] * best[3])
+    return _refit(words_of(sample), plane_through(best[:3], best[:3] * best[3]), threshold).plane
 
 
 def _noise_limit(cloud: Words, plane: Plane, tolerance: float) -> float:

@@ -79,7 +79,7 @@ def _tile_sums(
     n = 0
     for i in range(len(tile) // step):
         x, y, z = tile[step * i + at_x], tile[step * i + at_y], tile[step * i + at_z]
-        finite = (x - x) + (y - y) + (z - z) == np.float32(0)
+        finite = abs(x) < np.inf and abs(y) < np.inf and abs(z) < np.inf
         sx += float(x) if finite else 0.0
         sy += float(y) if finite else 0.0
         sz += float(z) if finite else 0.0

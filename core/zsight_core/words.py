@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -54,7 +54,7 @@ def words_of(cloud: Points | NDArray[np.floating[Any]]) -> Words:
     Raises:
         PointsError: no x, y, z; not numbers; or another shape.
     """
-    points = cloud if cloud.dtype.names else as_points(cloud)
+    points: Points = cast("Points", cloud) if cloud.dtype.names else as_points(cast("NDArray[np.floating[Any]]", cloud))
     _require_usable(points)
     colour = colour_field(points)
     if not _is_wordy(points, ("x", "y", "z", colour) if colour else ("x", "y", "z")):

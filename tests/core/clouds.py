@@ -48,3 +48,10 @@ def finite(points: Points) -> NDArray[np.float32]:
     """(N, 3) float32 without holes."""
     rows = coordinates(points)
     return rows[np.isfinite(rows).all(axis=1)]
+
+
+def assert_same_points(found: Points, expected: Points) -> None:
+    """Equal bit for bit in every field; padding may differ."""
+    assert found.dtype == expected.dtype
+    for name in expected.dtype.names or ():
+        assert found[name].tobytes() == expected[name].tobytes(), f"field {name} differs"
