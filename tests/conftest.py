@@ -9,7 +9,7 @@ import pytest
 from hypothesis import settings
 
 # The same examples on every run, and no verdict on how fast a shared machine is.
-settings.register_profile("zsight", derandomize=True, deadline=None, max_examples=50)
+settings.register_profile("zsight", derandomize=True, deadline=None, max_examples=30)
 settings.load_profile("zsight")
 
 REPOSITORY = Path(__file__).resolve().parent.parent

@@ -1,0 +1,90 @@
+"""The public names of the package: whoever adds, renames or removes one changes this list, and the changelog."""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING
+
+import pytest
+from tests.protocol.legal_messages import MODULES, all_kinds
+
+if TYPE_CHECKING:
+    from zsight_protocol.message import Message
+
+PUBLIC = {
+    "action": [
+        "CancelCode",
+        "CancelRequest",
+        "CancelResponse",
+        "ENDED",
+        "GoalId",
+        "GoalState",
+        "GoalStatus",
+        "GoalStatusList",
+        "LEGAL_MOVES",
+        "Update",
+        "move",
+        "new_goal_id",
+    ],
+    "camera_info": ["CameraInfo"],
+    "channels": ["CHANNELS", "Cell", "Channel", "DEFAULT_NAMESPACE", "Delivery", "channel_of", "require_name"],
+    "codec": ["ALIGNMENT", "decode", "encode", "encode_parts"],
+    "errors": ["DecodeError", "EncodeError", "KeyNameError", "ProtocolError", "shortened"],
+    "find_object": [
+        "Capture",
+        "DetectedObject",
+        "FindObjectGoal",
+        "FindObjectResult",
+        "ResultCode",
+        "Status",
+        "Support",
+    ],
+    "geometry": [
+        "Plane",
+        "Point",
+        "Pose",
+        "PoseStamped",
+        "Quaternion",
+        "Region",
+        "Transform",
+        "TransformList",
+        "TransformStamped",
+        "Vector3",
+    ],
+    "health": ["Health", "Level", "ReaderHealth", "WriterHealth"],
+    "message": ["Bare", "Count", "Extras", "Float64", "Header", "Message", "Time", "Tuple3", "Tuple4"],
+    "object_type": [
+        "BoxShape",
+        "CatalogAnswer",
+        "CatalogRequest",
+        "Channel8",
+        "CylinderShape",
+        "MeshShape",
+        "ObjectType",
+        "ShapeOf",
+        "SphereShape",
+        "SurfaceShape",
+        "TypeName",
+    ],
+    "point_cloud": ["Buffer", "Datatype", "MAXIMUM_BYTES", "MAXIMUM_POINTS", "PointCloud2", "PointField"],
+}
+
+
+def test_every_module_is_listed() -> None:
+    assert [f"zsight_protocol.{name}" for name in PUBLIC] == MODULES
+
+
+@pytest.mark.parametrize("name", PUBLIC)
+def test_a_module_exports_its_public_names(name: str) -> None:
+    module = importlib.import_module(f"zsight_protocol.{name}")
+    assert sorted(module.__all__) == sorted(PUBLIC[name])
+    assert all(hasattr(module, public) for public in PUBLIC[name])
+
+
+@pytest.mark.parametrize("kind", [pytest.param(kind, id=kind.__name__) for kind in all_kinds()])
+def test_a_message_is_public_read_only_and_refuses_what_it_does_not_know(kind: type[Message]) -> None:
+    name = kind.__name__.partition("[")[0]
+    assert any(name in names for names in PUBLIC.values())
+    assert kind.model_config["frozen"]
+    assert kind.model_config["strict"]
+    assert kind.model_config["extra"] == "forbid"
