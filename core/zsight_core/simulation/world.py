@@ -49,13 +49,15 @@ class World:
 
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """A pinhole camera at a place: T_world_camera (4, 4) float64 places its optical frame."""
+    """A pinhole camera without lens distortion; T_world_camera (4, 4) float64 places its optical frame."""
 
     pinhole: Pinhole
     T_world_camera: NDArray[np.float64]
 
     def __post_init__(self) -> None:
         _require_rigid("T_world_camera", self.T_world_camera)
+        if self.pinhole.distortion is not None:
+            raise GeometryError("the pinhole has lens distortion; a simulated camera has none: leave it out")
 
 
 def _require_rigid(what: str, T: NDArray[np.float64]) -> None:
