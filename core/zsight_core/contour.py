@@ -1,0 +1,200 @@
+"""Where the outline of a solid falls in the image, and where the measured depth image has its edge there.
+
+Along each edge between a face that is seen and one that is not, samples look across the outline for the last pixel
+that is of the solid's face and the first that is farther away (edge search along normals as in RAPID: Harris, Tracking
+with rigid models, 1992).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numba import njit
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+__all__ = ["CONTINUES", "EDGE", "HIDDEN", "NOTHING", "UNKNOWN", "scan", "warm_up"]
+
+EDGE, CONTINUES, HIDDEN, UNKNOWN, NOTHING = 0, 1, 2, 3, 4
+"""States of a sample: edge found; the surface goes on outside; something nearer; not measured; nothing there."""
+
+SPACING = 2.0
+"""Pixels between samples along an outline."""
+
+MOST = 400
+"""Samples."""
+
+STEEPEST = 2.0
+"""Slope of depth beyond which a face is seen so edge-on that it is not followed outside of its outline."""
+
+
+@njit(cache=True, nogil=True)
+def scan(  # noqa: C901  one compiled loop over pixels; splitting it would pass a dozen numbers around
+    depth: NDArray[np.float32],
+    pinhole: tuple[float, float, float, float],
+    vertices: NDArray[np.float64],
+    faces: NDArray[np.int32],
+    edges: NDArray[np.int32],
+    planes: NDArray[np.float64],
+    w: NDArray[np.float64],
+    region: tuple[int, int, int, int, int],
+    ground: NDArray[np.float64],
+    noise: float,
+    reach: int,
+) -> NDArray[np.float64]:
+    """Samples (S, 9): state, offset outward (pixels), image direction outward x y, image place u v, point x y z (m).
+
+    Args:
+        depth: (H, W) metres, 0 where not measured.
+        pinhole: fx, fy, cx, cy.
+        vertices: (V, 3) of the solid, optical frame.
+        faces: (F, 3) of the solid.
+        edges: (E, 4) of the solid.
+        planes: (F, 4) of its faces.
+        w: drawn inverse depth.
+        region: of w.
+        ground: (4,) normal and offset of the surface that the solid stands on; edges on it have no contrast.
+        noise: standard deviation of 1 / z, 1/m.
+        reach: pixels to look to each side.
+    """
+    fx, fy, cx, cy = pinhole
+    height, width = depth.shape
+    samples = np.empty((MOST, 9))
+    count = 0
+    length_all = 0.0
+    for e in range(len(edges)):
+        if _is_outline(planes, edges, e):
+            a, b = edges[e, 0], edges[e, 1]
+            ua, va = fx * vertices[a, 0] / vertices[a, 2], fy * vertices[a, 1] / vertices[a, 2]
+            ub, vb = fx * vertices[b, 0] / vertices[b, 2], fy * vertices[b, 1] / vertices[b, 2]
+            length_all += np.hypot(ub - ua, vb - va)
+    spacing = max(SPACING, length_all / (MOST - 50))
+    carry = spacing / 2
+    for e in range(len(edges)):
+        if not _is_outline(planes, edges, e):
+            continue
+        a, b = edges[e, 0], edges[e, 1]
+        on_ground = 0
+        for k in (a, b):
+            h = ground[0] * vertices[k, 0] + ground[1] * vertices[k, 1] + ground[2] * vertices[k, 2] - ground[3]
+            if h < 0.006:
+                on_ground += 1
+        if on_ground == 2:
+            continue
+        f = edges[e, 2] if planes[edges[e, 2], 3] < -1e-9 else edges[e, 3]
+        d = planes[f, 3]
+        A, B, C = planes[f, 0] / d, planes[f, 1] / d, planes[f, 2] / d
+        ua, va = fx * vertices[a, 0] / vertices[a, 2] + cx, fy * vertices[a, 1] / vertices[a, 2] + cy
+        ub, vb = fx * vertices[b, 0] / vertices[b, 2] + cx, fy * vertices[b, 1] / vertices[b, 2] + cy
+        length = np.hypot(ub - ua, vb - va)
+        if length < 1e-6:
+            continue
+        mx, my = (vb - va) / length, -(ub - ua) / length
+        third = faces[f, 0] + faces[f, 1] + faces[f, 2] - a - b
+        ut, vt = fx * vertices[third, 0] / vertices[third, 2] + cx, fy * vertices[third, 1] / vertices[third, 2] + cy
+        if (ut - ua) * mx + (vt - va) * my > 0:
+            mx, my = -mx, -my
+        at = carry
+        while at < length and count < MOST:
+            t = at / length
+            at += spacing
+            us, vs = ua + (ub - ua) * t, va + (vb - va) * t
+            we = A * (us - cx) / fx + B * (vs - cy) / fy + C
+            if we <= 0 or _drawn(w, region, us + 2.0 * mx, vs + 2.0 * my) > 0:
+                continue  # the solid itself is behind this edge
+            inside = _drawn(w, region, us - 1.5 * mx, vs - 1.5 * my)
+            if inside > we * 1.03:
+                continue  # the solid hides this edge
+            z = 1.0 / we
+            m = samples[count]
+            count += 1
+            m[2], m[3], m[4], m[5] = mx, my, us, vs
+            m[6], m[7], m[8] = (us - cx) / fx * z, (vs - cy) / fy * z, z
+            tolerance = 3.5 * noise + 0.004 * we * we
+            # what would be seen outside if nothing stood there: no edge can be seen against a near background
+            facing = ground[0] * (us + reach * mx - cx) / fx + ground[1] * (vs + reach * my - cy) / fy + ground[2]
+            slope = A * mx / fx + B * my / fy  # of 1 / z along the outward direction, a pixel
+            slope = min(max(slope, -STEEPEST * we / fx), STEEPEST * we / fx)
+            if ground[3] != 0 and facing / ground[3] > we + reach * slope - 1.5 * tolerance:
+                m[0], m[1] = 3, 0.0
+                continue
+            last_on, first_off, seen_near, seen_far, unknown = -99.0, 99.0, 0, 0, 0
+            for k in range(-reach, reach + 1):
+                u, v = int(np.floor(us + k * mx + 0.5)), int(np.floor(vs + k * my + 0.5))
+                if not (0 <= u < width and 0 <= v < height) or depth[v, u] <= 0:
+                    unknown += 1
+                    continue
+                place = (u - us) * mx + (v - vs) * my
+                expected = _drawn(w, region, u, v) if place < 0 else 0.0
+                if expected == 0.0:
+                    expected = we + place * slope
+                off = 1.0 / depth[v, u] - expected
+                if abs(off) <= tolerance:
+                    if first_off == 99.0 or place < first_off:
+                        last_on = max(last_on, place)
+                elif off > 0:
+                    seen_near += 1
+                    if last_on > -99.0 and first_off == 99.0:
+                        break
+                else:
+                    seen_far += 1
+                    if last_on > -99.0:
+                        first_off = min(first_off, place)
+                        break
+            m[1] = 0.0
+            if last_on == -99.0:
+                m[0] = 4 if seen_far > seen_near and seen_far > unknown else (2 if seen_near > 0 else 3)
+            elif first_off < 99.0 and first_off - last_on < 4.5:
+                m[0] = 0
+                m[1] = (last_on + first_off) / 2
+            elif seen_near > 0 and first_off == 99.0:
+                m[0] = 2
+            elif last_on > reach - 1.6:
+                m[0] = 1
+            else:
+                m[0] = 3
+        carry = at - length if at >= length else spacing / 2
+    return samples[:count]
+
+
+def warm_up() -> None:
+    """Compile the kernels (or load them from their cache)."""
+    vertices = np.array([[0.0, 0.0, 1.0], [0.1, 0.0, 1.0], [0.0, 0.1, 1.0]])
+    faces = np.array([[0, 2, 1]], np.int32)
+    edges = np.array([[0, 1, 0, -1]], np.int32)
+    planes = np.array([[0.0, 0.0, -1.0, -1.0]])
+    region = (50, 50, 10, 10, 1)
+    depth = np.ones((100, 100), np.float32)
+    scan(
+        depth,
+        (100.0, 100.0, 50.0, 50.0),
+        vertices,
+        faces,
+        edges,
+        planes,
+        np.zeros((10, 10)),
+        region,
+        np.zeros(4),
+        1e-3,
+        4,
+    )
+
+
+@njit(cache=True, nogil=True)
+def _is_outline(planes: NDArray[np.float64], edges: NDArray[np.int32], e: int) -> bool:
+    """True for an edge between a face that is seen and one that is not."""
+    seen = planes[edges[e, 2], 3] < -1e-9
+    other = edges[e, 3] >= 0 and planes[edges[e, 3], 3] < -1e-9
+    return bool(seen != other)
+
+
+@njit(cache=True, nogil=True)
+def _drawn(w: NDArray[np.float64], region: tuple[int, int, int, int, int], u: float, v: float) -> float:
+    """Inverse depth drawn nearest to an image place, 0 outside."""
+    u0, v0, columns, rows, step = region
+    k, r = int(np.floor((u - u0) / step + 0.5)), int(np.floor((v - v0) / step + 0.5))
+    if 0 <= k < columns and 0 <= r < rows:
+        return float(w[r, k])
+    return 0.0

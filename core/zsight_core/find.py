@@ -1,0 +1,537 @@
+"""Find objects of known types in a cloud, and say how sure.
+
+``find`` reads as the figure: scene, hypotheses, a quick look at each, refinement and verification of the best, one
+answer a place. What comes after the hypotheses knows nothing of shapes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from time import perf_counter
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+
+import numpy as np
+
+from zsight_core import contour, refine, render, verify
+from zsight_core import scene as scene_stage
+from zsight_core.clues import Clues, Hypothesis, clues_of
+from zsight_core.errors import ModelError
+from zsight_core.model import ObjectModel, Surface, size_of
+from zsight_core.recognise import box, hypotheses
+from zsight_core.recognise.surface import surfaces
+from zsight_core.scene import Checkpoint, Scene, go_on, understand
+from zsight_core.solid import Solid, solid_of
+from zsight_core.transform import inverse
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from zsight_core.points import Points
+    from zsight_core.verify import Evidence
+
+__all__ = ["Answer", "Detection", "find", "warm_up"]
+
+Status = Literal["found", "not_found", "cannot_tell"]
+
+QUICK_LOOKS = 400
+"""Hypotheses that get a quick look at most."""
+
+REFINED = 10
+"""Hypotheses that are refined, the best of the quick looks."""
+
+ACCEPTED = 0.5
+"""Probability from which a candidate is reported."""
+
+DOUBTFUL = 0.15
+"""Probability from which a candidate that is hidden or cut makes the answer cannot_tell."""
+
+SURELY_SEEN = 0.5
+"""Probability of having been seen below which an absent object makes the answer cannot_tell."""
+
+
+@dataclass(frozen=True, eq=False)
+class Detection:
+    """One object found."""
+
+    type: str
+    score: float
+    """Probability that it is there, 0..1."""
+    T_camera_model: NDArray[np.float64]
+    """(4, 4) pose in the cloud's frame."""
+    T_world_model: NDArray[np.float64] | None
+    """(4, 4) pose in the world, where the camera's pose is known."""
+    size: tuple[float, float, float]
+    """Along the model's axes, metres; of a surface, its extents."""
+    measured_height: float
+    """Metres from its foot to the highest points measured on it; of a surface, 0."""
+    covariance: NDArray[np.float64]
+    """(6, 6) of position (m) and rotation vector (rad) in the support's frame; the camera's pose has no part."""
+    visible_fraction: float
+    support: int
+    """Number of the support surface."""
+    base: float
+    """Height of its foot over the support surface, metres."""
+    truncated: bool
+    """The image's border cuts it."""
+    occluded: bool
+    """Something in front hides a part of it."""
+    equivalents: tuple[NDArray[np.float64], ...] = ()
+    """Other poses (4, 4) in the cloud's frame that fit what is seen equally well."""
+    runner_up: str | None = None
+    """The type that fits second best here."""
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """What a query comes to."""
+
+    status: Status
+    detections: tuple[Detection, ...]
+    """Most probable first."""
+    p_absent: float
+    """Probability that no further object of the type is there, given that it would be seen where the view is free."""
+    report: dict[str, Any] = field(default_factory=dict)
+    """Stages with counts, milliseconds, and the candidates rejected with what cut them."""
+
+
+class Candidate(NamedTuple):
+    """A hypothesis with what the image says of it."""
+
+    hypothesis: Hypothesis
+    evidence: Evidence
+    information: NDArray[np.float64]
+    probability: float
+
+
+def find(
+    points: Points,
+    models: Sequence[ObjectModel],
+    *,
+    scene: Scene | None = None,
+    T_world_camera: NDArray[np.float64] | None = None,
+    known_height: float | None = None,
+    region: tuple[Sequence[float], Sequence[float]] | None = None,
+    maximum: int | None = None,
+    rivals: Sequence[ObjectModel] = (),
+    checkpoint: Checkpoint = go_on,
+) -> Answer:
+    """Find all objects of some types.
+
+    Args:
+        points: (H, W) organised or (1, N) cloud, metres.
+        models: types to look for.
+        scene: what ``scene.understand`` made of the same cloud; None: it is made here.
+        T_world_camera: (4, 4) pose of the cloud's frame in a world with z up, or None.
+        known_height: world z of the support surface, metres, or None.
+        region: low and high corner (3,) of an axis-aligned box in the world frame, or the cloud's frame where
+            T_world_camera is None; only objects with their centre inside are reported.
+        maximum: most objects to report, the most probable ones; None: all.
+        rivals: types that may stand there instead; a place that a rival explains better is not reported.
+        checkpoint: called at every stage and within long loops; what it raises ends the search.
+
+    Returns:
+        The answer; for the same cloud and arguments the same, bit for bit.
+
+    Raises:
+        PointsError: nothing finite in the cloud, or not in metres.
+        ModelError: a model has no recognisable shape.
+        Cancelled: raised by the checkpoint.
+    """
+    start = perf_counter()
+    if scene is None:
+        scene = understand(points, T_world_camera=T_world_camera, known_height=known_height, checkpoint=checkpoint)
+    report: dict[str, Any] = {
+        "timings_ms": dict(scene.timings_ms),
+        "supports": len(scene.supports),
+        "segments": len(scene.segments),
+        "hypotheses": 0,
+        "refined": 0,
+        "rejected": [],
+    }
+    search = _Search(scene, T_world_camera, region, checkpoint, report)
+    found: list[Detection] = []
+    doubtful = False
+    seen = 1.0
+    for number, model in enumerate(models):
+        checkpoint("search", number / len(models))
+        if isinstance(model.shape, Surface):
+            found += search.surfaces(model)
+            continue
+        detections, unsure, p_seen = search.solids(model, rivals)
+        found += detections
+        doubtful |= unsure
+        seen = min(seen, p_seen)
+    found.sort(key=lambda d: -d.score)
+    report["timings_ms"]["total"] = (perf_counter() - start) * 1e3
+    if found:
+        return Answer("found", tuple(found[:maximum]), seen, report)
+    unsure = doubtful or not scene.supports or seen < SURELY_SEEN
+    return Answer("cannot_tell" if unsure else "not_found", (), seen if scene.supports else 0.0, report)
+
+
+def warm_up() -> None:
+    """Compile all kernels of the finder (or load them from their cache)."""
+    scene_stage.warm_up()
+    for module in (render, contour, refine, verify, box):
+        module.warm_up()
+
+
+class _Search:
+    """One query's scene, limits and record."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        T_world_camera: NDArray[np.float64] | None,
+        region: tuple[Sequence[float], Sequence[float]] | None,
+        checkpoint: Checkpoint,
+        report: dict[str, Any],
+    ) -> None:
+        self.scene = scene
+        self.T_world_camera = T_world_camera
+        self.region = region
+        self.checkpoint = checkpoint
+        self.report = report
+        self.frames = [inverse(scene.view.T_cloud_optical) @ s.T_camera_support for s in scene.supports]
+        self._clues: Clues | None = None
+        self._rivals: dict[str, list[Candidate]] = {}
+
+    @property
+    def clues(self) -> Clues:
+        """Pieces of the scene, collected when first asked for."""
+        if self._clues is None:
+            self._clues = clues_of(self.scene)
+        return self._clues
+
+    def surfaces(self, model: ObjectModel) -> list[Detection]:
+        """Support surfaces that are large enough."""
+        if not isinstance(model.shape, Surface):
+            raise ModelError(f"{model.name} is a {type(model.shape).__name__}; expected a surface")
+        found = []
+        for number, support in surfaces(model.shape, self.scene):
+            T_support_model, extents = _rectangle_around(support.outline)
+            T = support.T_camera_support @ T_support_model
+            if not self._wanted(T):
+                continue
+            covariance = np.zeros((6, 6))
+            covariance[2:5, 2:5] = support.covariance
+            world = None if self.T_world_camera is None else self.T_world_camera @ T
+            size = (extents[0], extents[1], 0.0)
+            score = 1.0 - np.exp(-support.inliers / 300)
+            found.append(
+                Detection(
+                    model.name,
+                    float(score),
+                    T,
+                    world,
+                    size,
+                    0.0,
+                    covariance,
+                    1.0,
+                    number,
+                    0.0,
+                    truncated=False,
+                    occluded=False,
+                )
+            )
+        return found
+
+    def solids(self, model: ObjectModel, rivals: Sequence[ObjectModel]) -> tuple[list[Detection], bool, float]:
+        """Objects of one type, whether one may be there half hidden, and how likely it would have been seen."""
+        solid = solid_of(model.shape)
+        candidates = self._candidates(model, solid)
+        kept = [self._polished(solid, c) for c in _one_a_place(candidates, min(size_of(model.shape)))]
+        found, doubtful = [], False
+        for candidate in kept:
+            if not self._wanted(self._in_cloud(candidate.hypothesis)):
+                continue
+            if candidate.probability < ACCEPTED:
+                doubtful |= candidate.probability > DOUBTFUL and _is_cut(candidate.evidence)
+                self._reject(model, candidate)
+                continue
+            rival = self._best_rival(model, candidate, rivals)
+            if rival is not None and _explains_better(rival[1], candidate):
+                self._reject(model, candidate, rival[0])
+                continue
+            found.append(self._detection(model, candidate, rival[0] if rival else None))
+        return found, doubtful, self._seen(size_of(model.shape))
+
+    def _best_rival(
+        self, model: ObjectModel, candidate: Candidate, rivals: Sequence[ObjectModel]
+    ) -> tuple[str, Candidate] | None:
+        """The rival that fits best where the candidate stands, and how."""
+        place = candidate.hypothesis.T_support_model[:2, 3]
+        best: tuple[str, Candidate] | None = None
+        for rival in rivals:
+            if rival.name == model.name or isinstance(rival.shape, Surface):
+                continue
+            if rival.name not in self._rivals:
+                self._rivals[rival.name] = self._candidates(rival, solid_of(rival.shape))
+            reach = (max(size_of(model.shape)) + max(size_of(rival.shape))) / 2
+            for other in self._rivals[rival.name]:
+                near = np.linalg.norm(other.hypothesis.T_support_model[:2, 3] - place) < reach / 2
+                if near and other.probability > DOUBTFUL and (best is None or _explains_better(other, best[1])):
+                    best = (rival.name, other)
+        return best
+
+    def _candidates(self, model: ObjectModel, solid: Solid) -> list[Candidate]:
+        """Hypotheses, a quick look at each, the best refined and verified."""
+        start = perf_counter()
+        if not self.scene.supports:
+            return []
+        guesses = hypotheses(model.shape, self.clues)
+        self.report["hypotheses"] += len(guesses)
+        quick = []
+        for number, guess in enumerate(guesses[:QUICK_LOOKS]):
+            if number % 50 == 0:
+                self.checkpoint("look", number / len(guesses))
+            evidence = self._look(solid, guess, most=300, tolerance=0.008)
+            if evidence.match >= 12 and evidence.agreement > 0.5:
+                quick.append((_promise(evidence), -number, guess))
+        quick.sort(key=lambda q: (-q[0], -q[1]))
+        best = _spread_out([guess for _, _, guess in quick])[:REFINED]
+        self.report["refined"] += len(best)
+        candidates = []
+        for number, guess in enumerate(best):
+            if number % 5 == 0:
+                self.checkpoint("refine", number / len(best))
+            hypothesis, information = self._refine(solid, guess)
+            evidence = self._look(solid, hypothesis)
+            candidates.append(Candidate(hypothesis, evidence, information, probability_of(evidence)))
+        spent = (perf_counter() - start) * 1e3
+        self.report["timings_ms"][model.name] = spent
+        return candidates
+
+    def _polished(self, solid: Solid, candidate: Candidate) -> Candidate:
+        """Refined once more: the first fit may have come from too far for its finest steps to catch every face."""
+        if candidate.probability < DOUBTFUL:
+            return candidate
+        hypothesis, information = self._refine(solid, candidate.hypothesis)
+        evidence = self._look(solid, hypothesis)
+        return Candidate(hypothesis, evidence, information, probability_of(evidence))
+
+    def _look(self, solid: Solid, guess: Hypothesis, most: int = 4000, tolerance: float = 0.004) -> Evidence:
+        view = self.scene.view
+        return verify.compare(
+            view.depth,
+            view.pinhole,
+            solid.vertices,
+            solid.faces,
+            solid.edges,
+            self.frames[guess.support],
+            guess.T_support_model,
+            guess.base,
+            self.scene.noise,
+            most=most,
+            tolerance=tolerance,
+        )
+
+    def _refine(self, solid: Solid, guess: Hypothesis) -> tuple[Hypothesis, NDArray[np.float64]]:
+        view = self.scene.view
+        loose = np.array([0.03, 0.03, 0.0005 if guess.base == 0 else 0.004, 0.5 if guess.turns else 1e-5])
+        T, information = refine.fit(
+            view.depth,
+            view.pinhole,
+            solid.vertices,
+            solid.faces,
+            solid.edges,
+            self.frames[guess.support],
+            guess.T_support_model,
+            guess.base,
+            loose,
+            self.scene.noise,
+            14,
+            2500,
+        )
+        return guess._replace(T_support_model=T), information
+
+    def _in_cloud(self, hypothesis: Hypothesis) -> NDArray[np.float64]:
+        T: NDArray[np.float64] = self.scene.supports[hypothesis.support].T_camera_support @ hypothesis.T_support_model
+        return T
+
+    def _wanted(self, T_camera_model: NDArray[np.float64]) -> bool:
+        """True where the centre lies in the region asked for."""
+        if self.region is None:
+            return True
+        T = T_camera_model if self.T_world_camera is None else self.T_world_camera @ T_camera_model
+        low, high = np.asarray(self.region[0]), np.asarray(self.region[1])
+        return bool((T[:3, 3] >= low).all() and (T[:3, 3] <= high).all())
+
+    def _reject(self, model: ObjectModel, candidate: Candidate, rival: str | None = None) -> None:
+        evidence = candidate.evidence
+        self.report["rejected"].append(
+            {
+                "type": model.name,
+                "probability": round(candidate.probability, 4),
+                "threshold": ACCEPTED,
+                "rival": rival,
+                "position": [round(float(x), 4) for x in self._in_cloud(candidate.hypothesis)[:3, 3]],
+                "agreement": round(evidence.agreement, 3),
+                "outline": round(evidence.outline, 3),
+                "visible": round(evidence.visible, 3),
+            }
+        )
+
+    def _detection(self, model: ObjectModel, candidate: Candidate, runner_up: str | None) -> Detection:
+        hypothesis, evidence = candidate.hypothesis, candidate.evidence
+        T = self._in_cloud(hypothesis)
+        return Detection(
+            type=model.name,
+            score=candidate.probability,
+            T_camera_model=T,
+            T_world_model=None if self.T_world_camera is None else self.T_world_camera @ T,
+            size=size_of(model.shape),
+            measured_height=self._height_at(hypothesis, max(size_of(model.shape))),
+            covariance=self._covariance(candidate),
+            visible_fraction=evidence.visible,
+            support=hypothesis.support,
+            base=hypothesis.base,
+            truncated=evidence.beyond > 0.02 * evidence.pixels,
+            occluded=evidence.hidden > 0.05 * evidence.pixels,
+            runner_up=runner_up,
+        )
+
+    def _height_at(self, hypothesis: Hypothesis, reach: float) -> float:
+        """Metres from the foot to the highest points of the segment here."""
+        near = [
+            piece.points
+            for piece in self.clues.segments
+            if piece.support == hypothesis.support
+            and (np.linalg.norm(piece.points[:, :2] - hypothesis.T_support_model[:2, 3], axis=1) < reach / 2).mean()
+            > 0.5
+        ]
+        if not near:
+            return 0.0
+        return float(np.quantile(np.concatenate(near)[:, 2], 0.97)) - hypothesis.base
+
+    def _covariance(self, candidate: Candidate) -> NDArray[np.float64]:
+        """(6, 6): x, y, height and yaw from the fit, tilts from the support surface."""
+        covariance = np.zeros((6, 6))
+        fitted = np.linalg.inv(candidate.information)
+        rows = np.array([0, 1, 2, 5])
+        covariance[np.ix_(rows, rows)] = fitted
+        if not candidate.hypothesis.turns:
+            covariance[5, :] = covariance[:, 5] = 0.0
+            covariance[5, 5] = np.pi**2 / 3
+        surface = self.scene.supports[candidate.hypothesis.support].covariance
+        covariance[3:5, 3:5] += surface[1:, 1:]
+        covariance[2, 2] += surface[0, 0]
+        return covariance
+
+    def _seen(self, size: tuple[float, float, float]) -> float:
+        """Share of the best support where the middle of such an object would be seen."""
+        if not self.scene.supports:
+            return 0.0
+        support, view = self.scene.supports[0], self.scene.view
+        low, high = support.outline.min(axis=0), support.outline.max(axis=0)
+        x, y = np.meshgrid(*(np.linspace(a, b, 24) for a, b in zip(low, high, strict=True)))
+        xy = np.stack([x.ravel(), y.ravel()], axis=1)
+        xy = xy[_inside(xy, support.outline)]
+        T = self.frames[0]
+        places = np.column_stack([xy, np.full(len(xy), min(size) / 2)]) @ T[:3, :3].T + T[:3, 3]
+        u = np.round(places[:, 0] / places[:, 2] * view.fx + view.cx).astype(np.int64)
+        v = np.round(places[:, 1] / places[:, 2] * view.fy + view.cy).astype(np.int64)
+        inside = (u >= 0) & (v >= 0) & (u < view.depth.shape[1]) & (v < view.depth.shape[0]) & (places[:, 2] > 0)
+        measured = np.zeros(len(xy))
+        measured[inside] = view.depth[v[inside], u[inside]]
+        free = inside & (measured > places[:, 2] - 0.03)
+        return float(free.mean()) if len(free) else 0.0
+
+
+def probability_of(evidence: Evidence) -> float:
+    """How likely (0..1) the object is there, given the evidence: a logistic of what agrees and what does not."""
+    if evidence.match < 20:
+        return 0.0
+    told = evidence.edge + evidence.goes_on + evidence.nothing
+    logit = 5.0
+    logit -= 40.0 * max(0.0, 0.97 - evidence.agreement)
+    logit -= 14.0 * max(0.0, 0.90 - evidence.outline)
+    logit -= 12.0 * max(0.0, 0.45 - evidence.visible)
+    logit -= 60.0 / max(evidence.match, 1.0)
+    logit -= 30.0 / max(told, 3.0)
+    return float(1.0 / (1.0 + np.exp(-np.clip(logit, -50.0, 50.0))))
+
+
+def _explains_better(one: Candidate, other: Candidate) -> bool:
+    """True where one may be there and explains clearly more pixels than the other."""
+    gain = (one.evidence.match - 2 * one.evidence.through) - (other.evidence.match - 2 * other.evidence.through)
+    return one.probability > ACCEPTED and gain > 0.1 * other.evidence.match
+
+
+def _promise(evidence: Evidence) -> float:
+    """Rank of a quick look: matches less contradictions, and an outline that is there."""
+    pixels = max(evidence.pixels, 1.0)
+    return (evidence.match - 2 * evidence.through) / pixels + 0.7 * evidence.outline
+
+
+def _is_cut(evidence: Evidence) -> bool:
+    """True where a good part of it is hidden, not measured or beyond the image."""
+    return evidence.hidden + evidence.unknown + evidence.beyond > 0.3 * evidence.pixels
+
+
+def _spread_out(guesses: list[Hypothesis]) -> list[Hypothesis]:
+    """Drop those within 4 mm and 4 degrees of a better one."""
+    kept: list[Hypothesis] = []
+    for guess in guesses:
+        if not any(_near(guess, other, 0.004, 4.0) for other in kept):
+            kept.append(guess)
+        if len(kept) == REFINED:
+            break
+    return kept
+
+
+def _near(a: Hypothesis, b: Hypothesis, metres: float, degrees: float) -> bool:
+    if a.support != b.support:
+        return False
+    gap = a.T_support_model[:3, 3] - b.T_support_model[:3, 3]
+    if gap @ gap > metres * metres:
+        return False
+    turn = (np.trace(a.T_support_model[:3, :3].T @ b.T_support_model[:3, :3]) - 1) / 2
+    return bool(turn > np.cos(np.radians(degrees)))
+
+
+def _one_a_place(candidates: list[Candidate], reach: float) -> list[Candidate]:
+    """The most probable candidate of each place; others within 0.7 of the shortest side of it are dropped."""
+    ranked = sorted(enumerate(candidates), key=lambda c: (-round(c[1].probability, 9), -_promise(c[1].evidence), c[0]))
+    kept: list[Candidate] = []
+    for _, candidate in ranked:
+        place = candidate.hypothesis.T_support_model[:3, 3]
+        if all(
+            np.linalg.norm(place - other.hypothesis.T_support_model[:3, 3]) > 0.7 * reach
+            or candidate.hypothesis.support != other.hypothesis.support
+            for other in kept
+        ):
+            kept.append(candidate)
+    return kept
+
+
+def _rectangle_around(outline: NDArray[np.float64]) -> tuple[NDArray[np.float64], tuple[float, float]]:
+    """T_support_model (4, 4) at the middle of the smallest rectangle around, x along its longer side, and its sides."""
+    best: tuple[float, NDArray[np.float64], tuple[float, float]] | None = None
+    for step in np.roll(outline, -1, axis=0) - outline:
+        x = step / max(float(np.linalg.norm(step)), 1e-12)
+        y = np.array([-x[1], x[0]])
+        along, across = outline @ x, outline @ y
+        sides = (float(np.ptp(along)), float(np.ptp(across)))
+        if best is None or sides[0] * sides[1] < best[0]:
+            if sides[0] < sides[1]:
+                x, y, along, across, sides = y, -x, across, -along, (sides[1], sides[0])
+            if x[0] < 0:
+                x, y, along, across = -x, -y, -along, -across
+            middle = x * (along.min() + along.max()) / 2 + y * (across.min() + across.max()) / 2
+            T = np.eye(4)
+            T[:2, 0], T[:2, 1], T[:2, 3] = x, y, middle
+            best = (sides[0] * sides[1], T, sides)
+    if best is None:
+        return np.eye(4), (0.0, 0.0)
+    return best[1], best[2]
+
+
+def _inside(xy: NDArray[np.float64], outline: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """True (N,) for points in the counter-clockwise convex outline."""
+    step = np.roll(outline, -1, axis=0) - outline
+    offset = xy[:, np.newaxis] - outline
+    left: NDArray[np.float64] = step[:, 0] * offset[..., 1] - step[:, 1] * offset[..., 0]
+    return np.asarray(left.min(axis=1) >= 0)

@@ -1,0 +1,102 @@
+"""Boxes: rectangles of the known footprint are laid over level tops at the known height."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numba import njit
+
+from zsight_core.clues import Clues, Hypothesis, Piece
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from zsight_core.model import Box
+
+__all__ = ["hypotheses", "stable_poses", "warm_up"]
+
+SLACK = 0.008
+"""Metres by which a measured side may miss a known one and still be the whole side."""
+
+
+def hypotheses(shape: Box, clues: Clues) -> list[Hypothesis]:
+    """Rectangles on tops, slid to each end where only a part of the top is seen."""
+    found: list[Hypothesis] = []
+    for R, (a, b, tall) in stable_poses(shape.size):
+        for top in clues.tops:
+            if len(top.points) < 8:
+                continue
+            for base in clues.bases(top, tall):
+                found += _on_top(top, R, a, b, tall, base)
+    return found
+
+
+def stable_poses(size: tuple[float, float, float]) -> list[tuple[NDArray[np.float64], tuple[float, float, float]]]:
+    """Rotations (3, 3) that put each different side down, with the extents along x, y and up; as modelled first."""
+    x, y, z = size
+    quarter_y = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
+    quarter_x = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+    poses = [(np.eye(3), (x, y, z)), (quarter_y, (z, y, x)), (quarter_x, (x, z, y))]
+    kept: list[tuple[NDArray[np.float64], tuple[float, float, float]]] = []
+    for R, extents in poses:
+        if not any(abs(extents[2] - other[1][2]) < 1e-4 for other in kept):
+            kept.append((R, extents))
+    return kept
+
+
+def _on_top(top: Piece, R: NDArray[np.float64], a: float, b: float, tall: float, base: float) -> list[Hypothesis]:
+    xy = np.ascontiguousarray(top.points[:, :2])
+    yaws = _best_yaws(xy, a, b)
+    found = []
+    for yaw in yaws:
+        c, s = np.cos(yaw), np.sin(yaw)
+        along, across = xy @ [c, s], xy @ [-s, c]
+        for x in _places(along, a):
+            for y in _places(across, b):
+                T = np.eye(4)
+                T[:3, :3] = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ R
+                T[:3, 3] = c * x - s * y, s * x + c * y, base + tall / 2
+                found.append(Hypothesis(T, base, top.support, turns=True))
+    return found
+
+
+def _places(values: NDArray[np.float64], side: float) -> list[float]:
+    """Centres of a side along one direction: in the middle where it is all seen, else at each end and the middle."""
+    low, high = np.quantile(values, (0.01, 0.99))
+    middle = float(low + high) / 2
+    if abs(high - low - side) < SLACK:
+        return [middle]
+    return [float(low) + side / 2, middle, float(high) - side / 2]
+
+
+def _best_yaws(xy: NDArray[np.float64], a: float, b: float) -> list[float]:
+    """Up to four yaws whose rectangle fits, best first."""
+    misfit = _sweep(xy, a, b)
+    count = len(misfit)
+    dips = [k for k in range(count) if misfit[k] <= misfit[k - 1] and misfit[k] < misfit[(k + 1) % count]]
+    dips.sort(key=lambda k: (misfit[k], k))
+    return [k * np.pi / count for k in dips[:4]]
+
+
+@njit(cache=True, nogil=True)
+def _sweep(xy: NDArray[np.float64], a: float, b: float) -> NDArray[np.float64]:
+    """Misfit, metres, for 60 yaws over half a turn: area of the rectangle around, and what sticks out of a x b."""
+    count = 60
+    misfit = np.empty(count)
+    for k in range(count):
+        c, s = np.cos(k * np.pi / count), np.sin(k * np.pi / count)
+        lx, hx, ly, hy = np.inf, -np.inf, np.inf, -np.inf
+        for i in range(len(xy)):
+            x, y = c * xy[i, 0] + s * xy[i, 1], c * xy[i, 1] - s * xy[i, 0]
+            lx, hx, ly, hy = min(lx, x), max(hx, x), min(ly, y), max(hy, y)
+        ex, ey = hx - lx, hy - ly
+        out = max(0.0, ex - a) + max(0.0, ey - b)
+        short = max(0.0, a - ex) + max(0.0, b - ey)
+        misfit[k] = out + 0.25 * short + 0.5 * np.sqrt(ex * ey)
+    return misfit
+
+
+def warm_up() -> None:
+    """Compile the kernels (or load them from their cache)."""
+    _sweep(np.zeros((2, 2)), 0.1, 0.1)

@@ -1,0 +1,421 @@
+"""The scene stage: what there is before anybody asks for an object.
+
+``understand`` turns one cloud into support surfaces and the segments that stand on them; every query shares the result.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from time import perf_counter
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numba import njit
+
+from zsight_core import segments as seg
+from zsight_core import support as sup
+from zsight_core import view as vw
+from zsight_core.transform import inverse
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from zsight_core.points import Points
+    from zsight_core.segments import Patches
+    from zsight_core.support import Support
+    from zsight_core.view import View
+
+__all__ = ["Checkpoint", "Scene", "Segment", "go_on", "understand", "warm_up"]
+
+Checkpoint = Callable[[str, float], None]
+"""Called with the stage's name and the fraction done; raises errors.Cancelled to stop."""
+
+LOWEST = 0.003
+"""Metres above a surface from which a pixel is of an object, besides three standard deviations of its depth."""
+
+HIGHEST = 0.6
+"""Metres above a surface up to which things are looked at."""
+
+MARGIN = 0.015
+"""Metres beyond a surface's outline that things may hang over."""
+
+SMALLEST_SEGMENT = 60
+"""Pixels of a 640 x 480 image; smaller segments are noise."""
+
+LARGEST_SEGMENT = 0.7
+"""Metres; a longer thing is a wall or furniture."""
+
+_GRID_CELL = 0.02
+"""Metres; outlines are looked up on a grid of this cell."""
+
+
+@dataclass(frozen=True, eq=False)
+class Segment:
+    """A piece of the cloud that is one object as far as its shape tells."""
+
+    label: int
+    """Its number in Scene.labels, from 2."""
+    points: int
+    """Pixels."""
+    centroid: NDArray[np.float64]
+    """(3,) metres, cloud frame."""
+    size: NDArray[np.float64]
+    """(3,) extents along the axes of box, metres."""
+    T_camera_box: NDArray[np.float64]
+    """(4, 4) centre and axes of a box around it, z along the support's normal, in the cloud's frame."""
+    support: int
+    """Number of the support surface it stands over."""
+    low: float
+    """Metres above the support of its lowest part seen."""
+    high: float
+    """Metres above the support of its highest part seen."""
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """What stands where, in the cloud's frame."""
+
+    supports: list[Support]
+    """Best first; empty where no surface was found."""
+    labels: NDArray[np.int32]
+    """Shape of the cloud: -1 no data, 0 neither, 1 support surface, 2.. one number an object."""
+    segments: list[Segment]
+    """One an object label, in order."""
+    timings_ms: dict[str, float]
+    """Milliseconds by stage."""
+    view: View
+    """Depth image and pinhole."""
+    noise: float
+    """Standard deviation of 1 / z, 1/m."""
+    kind: NDArray[np.uint8]
+    """(H, W) of the view: NO_DATA, OTHER, SURFACE, OBJECT."""
+    over: NDArray[np.int8]
+    """(H, W) of the view: number of the support surface a pixel belongs to, or -1."""
+    pixel_labels: NDArray[np.int32]
+    """(H, W) of the view, as labels."""
+    patches: Patches
+    """Smooth pieces of the objects."""
+    owner: NDArray[np.int32]
+    """(K,) label of each patch, 0 where it is of no object."""
+    T_world_camera: NDArray[np.float64] | None
+
+
+def go_on(stage: str, fraction: float) -> None:
+    """The checkpoint that never stops anything."""
+
+
+def understand(
+    points: Points,
+    *,
+    T_world_camera: NDArray[np.float64] | None = None,
+    known_height: float | None = None,
+    checkpoint: Checkpoint = go_on,
+) -> Scene:
+    """Support surfaces and what stands on them.
+
+    Args:
+        points: (H, W) organised or (1, N) cloud, metres.
+        T_world_camera: (4, 4) pose of the cloud's frame in a world with z up; None: gravity is unknown, the dominant
+            plausible plane is the support.
+        known_height: world z of the support surface, metres, where it is known; needs T_world_camera.
+        checkpoint: called between stages.
+
+    Raises:
+        PointsError: nothing finite in the cloud, or not in metres.
+        Cancelled: raised by the checkpoint.
+    """
+    timings: dict[str, float] = {}
+    clock = _Clock(timings)
+    checkpoint("view", 0.0)
+    view = vw.see(points)
+    clock.stamp("view")
+    checkpoint("support", 0.2)
+    up, height = _gravity(view, T_world_camera, known_height)
+    supports, noise = sup.find_supports(view, up=up, known_height=height)
+    if T_world_camera is not None:
+        supports = [_with_height(support, T_world_camera) for support in supports]
+    clock.stamp("support")
+    checkpoint("segments", 0.5)
+    kind, over = _kinds(view, supports, noise)
+    clock.stamp("heights")
+    patches = seg.grow_patches(view, kind, noise)
+    clock.stamp("patches")
+    checkpoint("segments", 0.8)
+    owner = seg.join_patches(view, patches, noise) + 2
+    clock.stamp("join")
+    pixel_labels = _paint(view.depth, kind, patches.label, owner, patches.step, noise)
+    pixel_labels, owner, found = _measure(view, supports, over, pixel_labels, owner)
+    labels = _of_points(points, view, pixel_labels)
+    clock.stamp("segments")
+    return Scene(
+        supports, labels, found, timings, view, noise, kind, over, pixel_labels, patches, owner, T_world_camera
+    )
+
+
+def warm_up() -> None:
+    """Compile all kernels of the scene stage (or load them from their cache)."""
+    vw.warm_up()
+    sup.warm_up()
+    seg.warm_up()
+    depth = np.ones((16, 16), np.float32)
+    planes, frames = np.zeros((1, 4)), np.zeros((1, 4, 4))
+    grids, corners = np.ones((1, 2, 2), np.bool_), np.zeros((1, 2))
+    kind, _ = _classify(depth, 8.0, 8.0, 8.0, 8.0, planes, frames, grids, corners, 1e-3)
+    labels = _paint(depth, kind, np.zeros((8, 8), np.int32), np.zeros(1, np.int32), 2, 1e-3)
+    _extents(depth, 8.0, 8.0, 8.0, 8.0, labels, np.zeros((16, 16), np.int8), frames, 3)
+    _grid_of(np.zeros((3, 2)), 0.0, 0.0, 2, 2, 0.02, 0.0)
+
+
+class _Clock:
+    """Stamps the time since the last stamp."""
+
+    def __init__(self, timings: dict[str, float]) -> None:
+        self.timings = timings
+        self.last = perf_counter()
+
+    def stamp(self, stage: str) -> None:
+        now = perf_counter()
+        self.timings[stage] = (now - self.last) * 1e3
+        self.last = now
+
+
+def _gravity(
+    view: View, T_world_camera: NDArray[np.float64] | None, known_height: float | None
+) -> tuple[NDArray[np.float64] | None, tuple[NDArray[np.float64], float] | None]:
+    """Up (3,) in the optical frame, and the known height as a plane of the optical frame."""
+    if T_world_camera is None:
+        if view.pixel is not None and not np.allclose(view.T_cloud_optical[:3, 3], 0):
+            return np.array([0.0, 0.0, -1.0]), None  # drawn from above: the cloud's own z is up
+        return None, None
+    T_world_optical = T_world_camera @ view.T_cloud_optical
+    up = T_world_optical[2, :3].copy()
+    if known_height is None:
+        return up, None
+    return up, (up, known_height - float(T_world_optical[2, 3]))
+
+
+def _with_height(support: Support, T_world_camera: NDArray[np.float64]) -> Support:
+    from dataclasses import replace
+
+    return replace(support, height=float((T_world_camera @ support.T_camera_support)[2, 3]))
+
+
+def _kinds(view: View, supports: list[Support], noise: float) -> tuple[NDArray[np.uint8], NDArray[np.int8]]:
+    """Kind of each pixel and the support it belongs to, the highest support first."""
+    order = sorted(range(len(supports)), key=lambda k: _rank(supports[k], supports))
+    planes = np.zeros((len(order), 4))
+    frames = np.zeros((len(order), 4, 4))
+    lows, grids = np.zeros((len(order), 2)), []
+    T_optical_cloud = inverse(view.T_cloud_optical)
+    for i, k in enumerate(order):
+        T_optical_support = T_optical_cloud @ supports[k].T_camera_support
+        planes[i, :3] = T_optical_support[:3, 2]
+        planes[i, 3] = T_optical_support[:3, 2] @ T_optical_support[:3, 3]
+        frames[i] = inverse(T_optical_support)
+        lows[i] = supports[k].outline.min(axis=0) - 2 * _GRID_CELL
+        spans = supports[k].outline.max(axis=0) - lows[i] + 2 * _GRID_CELL
+        rows, columns = (int(min(np.ceil(span / _GRID_CELL), 400)) for span in spans[::-1])
+        grids.append(_grid_of(supports[k].outline, lows[i, 0], lows[i, 1], rows, columns, _GRID_CELL, MARGIN))
+    rows = max((len(grid) for grid in grids), default=1)
+    columns = max((grid.shape[1] for grid in grids), default=1)
+    stacked = np.zeros((len(order), rows, columns), np.bool_)
+    for i, grid in enumerate(grids):
+        stacked[i, : grid.shape[0], : grid.shape[1]] = grid
+    kind, over = _classify(view.depth, *view.pinhole, planes, frames, stacked, lows, noise)
+    if order and order != sorted(order):
+        over = np.array([*order, -1], np.int8)[over]
+    return kind, over
+
+
+def _rank(support: Support, supports: list[Support]) -> float:
+    """Lower for a higher surface."""
+    reference = supports[0]
+    return -float(reference.normal @ support.T_camera_support[:3, 3] - reference.distance)
+
+
+def _measure(
+    view: View,
+    supports: list[Support],
+    over: NDArray[np.int8],
+    labels: NDArray[np.int32],
+    owner: NDArray[np.int32],
+) -> tuple[NDArray[np.int32], NDArray[np.int32], list[Segment]]:
+    """Segments with their boxes; those that are noise or furniture lose their label, the others are renumbered."""
+    count = int(owner.max()) + 1 if owner.size else 2
+    T_optical_cloud = inverse(view.T_cloud_optical)
+    frames = np.array([inverse(T_optical_cloud @ s.T_camera_support) for s in supports]).reshape(-1, 4, 4)
+    rows = _extents(view.depth, *view.pinhole, labels, over, frames, count)
+    renumber = np.zeros(max(count, 2), np.int32)
+    renumber[:2] = 0, 1
+    found: list[Segment] = []
+    least = max(12, SMALLEST_SEGMENT * view.depth.size / 307_200)
+    for k in range(2, count):
+        pixels, low, high, centre, size = (
+            rows[k, 0],
+            rows[k, 1:4],
+            rows[k, 4:7],
+            rows[k, 7:10],
+            rows[k, 4:7] - rows[k, 1:4],
+        )
+        if pixels < least or size.max() > LARGEST_SEGMENT:
+            continue
+        base = int(rows[k, 10])
+        label = len(found) + 2
+        renumber[k] = label
+        T = supports[base].T_camera_support.copy()
+        T[:3, 3] = (T @ np.append((low + high) / 2, 1.0))[:3]
+        centroid = (supports[base].T_camera_support @ np.append(centre, 1.0))[:3]
+        found.append(Segment(label, int(pixels), centroid, size, T, base, float(low[2]), float(high[2])))
+    table = np.concatenate([renumber, [-1]]).astype(np.int32)  # label -1 takes the last entry
+    return table[labels], renumber[owner] if owner.size else owner, found
+
+
+def _of_points(points: Points, view: View, pixel_labels: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Labels in the shape of the cloud."""
+    if view.pixel is None:
+        return pixel_labels
+    labels = np.where(view.pixel >= 0, pixel_labels.reshape(-1)[view.pixel], -1)
+    return labels.astype(np.int32).reshape(points.shape)
+
+
+@njit(cache=True, nogil=True)
+def _grid_of(
+    outline: NDArray[np.float64], x0: float, y0: float, rows: int, columns: int, cell: float, margin: float
+) -> NDArray[np.bool_]:
+    """Cells (rows, columns) whose centre lies in the counter-clockwise convex outline or within margin of it."""
+    grid = np.ones((rows, columns), np.bool_)
+    for k in range(len(outline)):
+        ax, ay = outline[k, 0], outline[k, 1]
+        bx, by = outline[(k + 1) % len(outline), 0], outline[(k + 1) % len(outline), 1]
+        length = max(np.hypot(bx - ax, by - ay), 1e-9)
+        for r in range(rows):
+            y = y0 + (r + 0.5) * cell
+            for c in range(columns):
+                x = x0 + (c + 0.5) * cell
+                if ((bx - ax) * (y - ay) - (by - ay) * (x - ax)) / length < -margin:
+                    grid[r, c] = False
+    return grid
+
+
+@njit(cache=True, nogil=True)
+def _classify(
+    depth: NDArray[np.float32],
+    fx: float,
+    fy: float,
+    cx: float,
+    cy: float,
+    planes: NDArray[np.float64],
+    frames: NDArray[np.float64],
+    grids: NDArray[np.bool_],
+    lows: NDArray[np.float64],
+    noise: float,
+) -> tuple[NDArray[np.uint8], NDArray[np.int8]]:
+    """Kind and support of each pixel; supports come highest first, planes (S, 4) and frames T_support_optical."""
+    height, width = depth.shape
+    kind = np.zeros((height, width), np.uint8)
+    over = np.full((height, width), -1, np.int8)
+    for v in range(height):
+        y = (v - cy) / fy
+        for u in range(width):
+            z = depth[v, u]
+            if not z > 0:
+                continue
+            kind[v, u] = 1
+            x = (u - cx) / fx
+            for s in range(len(planes)):
+                slant = planes[s, 0] * x + planes[s, 1] * y + planes[s, 2]
+                h = slant * z - planes[s, 3]
+                tolerance = LOWEST + 3 * noise * z * z * abs(slant)
+                if h < -tolerance or h > HIGHEST:
+                    continue
+                T = frames[s]
+                px = (T[0, 0] * x + T[0, 1] * y + T[0, 2]) * z + T[0, 3]
+                py = (T[1, 0] * x + T[1, 1] * y + T[1, 2]) * z + T[1, 3]
+                c, r = int((px - lows[s, 0]) / _GRID_CELL), int((py - lows[s, 1]) / _GRID_CELL)
+                if (
+                    px < lows[s, 0]
+                    or py < lows[s, 1]
+                    or r >= grids.shape[1]
+                    or c >= grids.shape[2]
+                    or not grids[s, r, c]
+                ):
+                    continue
+                kind[v, u] = 3 if h > tolerance else 2
+                over[v, u] = s
+                break
+    return kind, over
+
+
+@njit(cache=True, nogil=True)
+def _paint(
+    depth: NDArray[np.float32],
+    kind: NDArray[np.uint8],
+    cell_label: NDArray[np.int32],
+    owner: NDArray[np.int32],
+    step: int,
+    noise: float,
+) -> NDArray[np.int32]:
+    """Labels (H, W): each object pixel takes that of the nearest cells around whose depth is nearest."""
+    height, width = depth.shape
+    labels = np.empty((height, width), np.int32)
+    for v in range(height):
+        for u in range(width):
+            labels[v, u] = (-1, 0, 1, 0)[kind[v, u]]
+            if kind[v, u] != 3:
+                continue
+            z = depth[v, u]
+            nearest = 0.012 + 4 * noise * z * z
+            for reach in range(1, 4):
+                r0, c0 = v // step, u // step
+                for r in range(max(0, r0 - reach + 1), min(cell_label.shape[0], r0 + reach + 1)):
+                    for c in range(max(0, c0 - reach + 1), min(cell_label.shape[1], c0 + reach + 1)):
+                        if cell_label[r, c] >= 0:
+                            gap = abs(depth[r * step, c * step] - z)
+                            if gap < nearest:
+                                nearest = gap
+                                labels[v, u] = owner[cell_label[r, c]]
+                if labels[v, u] != 0:
+                    break
+    return labels
+
+
+@njit(cache=True, nogil=True)
+def _extents(
+    depth: NDArray[np.float32],
+    fx: float,
+    fy: float,
+    cx: float,
+    cy: float,
+    labels: NDArray[np.int32],
+    over: NDArray[np.int8],
+    frames: NDArray[np.float64],
+    count: int,
+) -> NDArray[np.float64]:
+    """Per label (count, 11): pixels, lows x y z, highs x y z, means x y z in the support's frame, support."""
+    rows = np.zeros((count, 11))
+    rows[:, 1:4] = np.inf
+    rows[:, 4:7] = -np.inf
+    rows[:, 10] = -1
+    for v in range(depth.shape[0]):
+        y = (v - cy) / fy
+        for u in range(depth.shape[1]):
+            k = labels[v, u]
+            if k < 2 or over[v, u] < 0:
+                continue
+            m = rows[k]
+            if m[10] < 0:
+                m[10] = over[v, u]
+            T = frames[int(m[10])]
+            z = depth[v, u]
+            x = (u - cx) / fx
+            m[0] += 1
+            for a in range(3):
+                value = (T[a, 0] * x + T[a, 1] * y + T[a, 2]) * z + T[a, 3]
+                m[1 + a] = min(m[1 + a], value)
+                m[4 + a] = max(m[4 + a], value)
+                m[7 + a] += value
+    for k in range(count):
+        for a in range(3):
+            rows[k, 7 + a] /= max(rows[k, 0], 1.0)
+    return rows

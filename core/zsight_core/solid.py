@@ -1,0 +1,123 @@
+"""The triangles and edges of a shape: what rendering, refinement and verification know of an object."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from zsight_core.errors import ModelError
+from zsight_core.model import Box, Cylinder, Mesh, Shape, Sphere
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+__all__ = ["Solid", "solid_of"]
+
+SIDES = 48
+"""Facets around a cylinder."""
+
+
+@dataclass(frozen=True, eq=False)
+class Solid:
+    """A closed surface of triangles in the model frame."""
+
+    vertices: NDArray[np.float64]
+    """(V, 3) metres."""
+    faces: NDArray[np.int32]
+    """(F, 3) counter-clockwise seen from outside."""
+    edges: NDArray[np.int32]
+    """(E, 4) both vertices and both faces of each edge; -1 for the second face of an open border."""
+
+
+def solid_of(shape: Shape) -> Solid:
+    """Triangulate a shape.
+
+    Curved shapes are drawn so that their facets lie half outside and half inside of the true surface.
+
+    Raises:
+        ModelError: a surface has no closed shape.
+    """
+    match shape:
+        case Box(size):
+            vertices, faces = _box(np.array(size))
+        case Cylinder(diameter, height):
+            vertices, faces = _cylinder(diameter / 2, height)
+        case Sphere(diameter):
+            vertices, faces = _sphere(diameter / 2)
+        case Mesh(vertices, faces):
+            vertices = vertices - (vertices.min(axis=0) + vertices.max(axis=0)) / 2
+        case _:
+            raise ModelError(f"{type(shape).__name__} is not a solid; expected a box, cylinder, sphere or mesh")
+    return Solid(np.ascontiguousarray(vertices), np.ascontiguousarray(faces, np.int32), _edges(faces))
+
+
+def _box(size: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * size / 2
+    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    return corners, np.array([t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))], np.int32)
+
+
+def _cylinder(radius: float, height: float) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+    around = np.arange(SIDES) * 2 * np.pi / SIDES
+    r = radius * 2 / (1 + np.cos(np.pi / SIDES))
+    ring = np.stack([r * np.cos(around), r * np.sin(around)], axis=1)
+    low = np.column_stack([ring, np.full(SIDES, -height / 2)])
+    vertices = np.concatenate([low, low + np.array([0, 0, height]), [[0, 0, -height / 2], [0, 0, height / 2]]])
+    faces = []
+    for i in range(SIDES):
+        j = (i + 1) % SIDES
+        faces += [
+            (i, j, SIDES + j),
+            (i, SIDES + j, SIDES + i),
+            (2 * SIDES, j, i),
+            (2 * SIDES + 1, SIDES + i, SIDES + j),
+        ]
+    return vertices, np.array(faces, np.int32)
+
+
+def _sphere(radius: float) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+    """An icosahedron, each face cut in four three times."""
+    g = (1 + 5**0.5) / 2
+    corners: list[tuple[float, float, float]]
+    corners = [(-1, g, 0), (1, g, 0), (-1, -g, 0), (1, -g, 0), (0, -1, g), (0, 1, g), (0, -1, -g), (0, 1, -g)]
+    corners += [(g, 0, -1), (g, 0, 1), (-g, 0, -1), (-g, 0, 1)]
+    vertices = [np.array(c) / np.hypot(1, g) for c in corners]
+    faces = [(0, 11, 5), (0, 5, 1), (0, 1, 7), (0, 7, 10), (0, 10, 11), (1, 5, 9), (5, 11, 4), (11, 10, 2), (10, 7, 6)]
+    faces += [(7, 1, 8), (3, 9, 4), (3, 4, 2), (3, 2, 6), (3, 6, 8), (3, 8, 9), (4, 9, 5), (2, 4, 11), (6, 2, 10)]
+    faces += [(8, 6, 7), (9, 8, 1)]
+    for _ in range(3):
+        middle: dict[tuple[int, int], int] = {}
+        finer = []
+        for a, b, c in faces:
+            ab, bc, ca = (_halfway(vertices, middle, i, j) for i, j in ((a, b), (b, c), (c, a)))
+            finer += [(a, ab, ca), (b, bc, ab), (c, ca, bc), (ab, bc, ca)]
+        faces = finer
+    points = np.array(vertices)
+    triangles = np.array(faces, np.int32)
+    inward = np.linalg.norm(points[triangles].mean(axis=1), axis=1).mean()
+    return points * radius * 2 / (1 + inward), triangles
+
+
+def _halfway(vertices: list[NDArray[np.float64]], middle: dict[tuple[int, int], int], i: int, j: int) -> int:
+    key = (min(i, j), max(i, j))
+    if key not in middle:
+        point = vertices[i] + vertices[j]
+        middle[key] = len(vertices)
+        vertices.append(point / np.linalg.norm(point))
+    return middle[key]
+
+
+def _edges(faces: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Each undirected edge once, with the faces on both sides."""
+    ends = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    face = np.tile(np.arange(len(faces)), 3)
+    ends = np.sort(ends, axis=1)
+    order = np.lexsort((face, ends[:, 1], ends[:, 0]))
+    ends, face = ends[order], face[order]
+    first = np.concatenate([[True], (ends[1:] != ends[:-1]).any(axis=1)])
+    starts = np.flatnonzero(first)
+    paired = np.append(~first[1:], False)[starts]
+    other = np.where(paired, face[np.minimum(starts + 1, len(face) - 1)], -1)
+    return np.column_stack([ends[starts], face[starts], other]).astype(np.int32)

@@ -1,0 +1,536 @@
+"""Support surfaces: the planes that objects stand on.
+
+A plane n . p = d is seen by a pinhole as 1 / z = (n . ray) / d, which is linear over the image, and a structured-light
+or stereo camera's noise is the same everywhere in 1 / z. So planes are fitted in inverse depth: one least squares, no
+weights. The image is cut into blocks whose moments add up, so that any set of blocks is a fit.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numba import njit
+
+from zsight_core.transform import inverse
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from zsight_core.view import View
+
+__all__ = ["Support", "find_supports", "outline_of", "warm_up"]
+
+LARGEST_TILT = np.radians(12.0)
+"""A support surface leans at most this much from horizontal, once the camera's pose is known."""
+
+SMALLEST_AREA = 0.02
+"""Square metres that must be seen of a support surface."""
+
+FURNITURE_AREA = 0.10
+"""Square metres from which a raised plane may be a surface of its own and not the top of an object."""
+
+FURNITURE_HEIGHT = 0.35
+"""Metres; a plane lower than this above another one, and within its outline, is the top of an object."""
+
+KNOWN_WITHIN = 0.03
+"""Metres between a surface and the height where it is said to be."""
+
+MOST_SUPPORTS = 4
+MOST_SEEDS = 60
+LEAST_COSINE = float(np.cos(np.radians(25.0)))
+"""A block of a plane is fitted with a normal at most this far off; blocks are small and noisy."""
+
+SMALLEST_NOISE = 2e-6
+"""1/m; the noise of inverse depth is never taken for less: float32 rounds at 1e-7."""
+
+
+@dataclass(frozen=True, eq=False)
+class Support:
+    """A plane that objects stand on.
+
+    The support frame has its origin at the centroid of what is seen of the surface, z along the normal (up), and x
+    along the cloud's x axis as nearly as the plane allows.
+    """
+
+    normal: NDArray[np.float64]
+    """(3,) unit normal toward the up side, in the cloud's frame."""
+    distance: float
+    """Metres; points p of the plane have normal . p = distance, in the cloud's frame."""
+    T_camera_support: NDArray[np.float64]
+    """(4, 4) the support frame in the cloud's frame."""
+    outline: NDArray[np.float64]
+    """(K, 2) convex polygon around what is seen, counter-clockwise, metres in the support frame."""
+    area: float
+    """Square metres within the outline."""
+    inliers: int
+    """Pixels on the plane."""
+    rms: float
+    """Metres; root mean square distance of the inliers along the normal."""
+    covariance: NDArray[np.float64]
+    """(3, 3) of height (m) and tilts about x and y (rad) at the support frame's origin."""
+    height: float | None = None
+    """Metres; world z of the origin where the camera's pose is known."""
+
+
+def find_supports(
+    view: View, *, up: NDArray[np.float64] | None, known_height: tuple[NDArray[np.float64], float] | None = None
+) -> tuple[list[Support], float]:
+    """Planes that objects may stand on, best first, and the noise of inverse depth.
+
+    Args:
+        view: what the camera saw.
+        up: (3,) unit vector in the optical frame, or None where gravity is unknown.
+        known_height: direction and offset (n, d) in the optical frame of the plane where the support surface is known
+            to be; planes further than KNOWN_WITHIN from it are left out.
+
+    Returns:
+        Support surfaces, the highest of the large ones first, and the standard deviation of 1 / z, 1/m.
+    """
+    size = int(np.clip(view.depth.shape[1] // 80, 3, 8))
+    moments, planes = _blocks(view.depth, *view.pinhole, size)
+    noise = _noise_of(moments, planes)
+    free = planes[..., 3] < max(3 * noise, 3e-5)
+    seeds = _seeds(moments, free, noise, up)
+    found: list[tuple[NDArray[np.float64], float]] = []
+    while len(seeds) and len(found) < 2 * MOST_SUPPORTS:
+        plane, members, area = _best_plane(moments, planes, free, seeds, noise, view, size, weigh=up is None)
+        if area < SMALLEST_AREA:
+            break
+        free &= ~members
+        found.append((plane, area))
+        first = found[0][0]  # further surfaces are parallel to the first one
+        cosines = seeds @ first / np.linalg.norm(seeds, axis=1) / np.linalg.norm(first)
+        seeds = seeds[cosines > np.cos(np.radians(8.0))]
+    return _choose(found, view, noise, size, known_height), noise
+
+
+def outline_of(xy: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Convex hull (K, 2), counter-clockwise, of points (N, 2), by monotone chains (Andrew 1979)."""
+    points = np.unique(xy, axis=0)
+    if len(points) < 3:
+        return points
+
+    def chain(ordered: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+        hull: list[NDArray[np.float64]] = []
+        for p in ordered:
+            while len(hull) > 1 and _turn(hull[-2], hull[-1], p) <= 0:
+                hull.pop()
+            hull.append(p)
+        return hull[:-1]
+
+    return np.array(chain(points) + chain(points[::-1]))
+
+
+def area_of(outline: NDArray[np.float64]) -> float:
+    """Square metres within a polygon (K, 2)."""
+    x, y = outline.T
+    return float(abs(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2)
+
+
+def warm_up() -> None:
+    """Compile the kernels (or load them from their cache)."""
+    depth = np.ones((32, 32), np.float32)
+    moments, planes = _blocks(depth, 50.0, 50.0, 16.0, 16.0, 8)
+    plane = np.array([0.0, 0.0, 1.0])
+    _votes(moments, planes, np.ones((4, 4), np.bool_), plane[np.newaxis], 0.01, 0.5, 50.0 * 50.0)
+    _flat_squares(moments, np.ones((4, 4), np.bool_), 0.01)
+    _refit(depth, 50.0, 50.0, 16.0, 16.0, plane, 0.1, 1)
+    _gather(depth, 50.0, 50.0, 16.0, 16.0, plane, 0.1, 4)
+
+
+def _turn(a: NDArray[np.float64], b: NDArray[np.float64], c: NDArray[np.float64]) -> float:
+    return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
+
+
+def _noise_of(moments: NDArray[np.float64], planes: NDArray[np.float64]) -> float:
+    """Standard deviation of 1 / z, 1/m: a low quantile of the residuals of all blocks, most of which are smooth."""
+    full = moments[..., 0] >= 0.9 * moments[..., 0].max()
+    residuals = planes[..., 3][full & np.isfinite(planes[..., 3])]
+    return max(float(np.quantile(residuals, 0.35)), SMALLEST_NOISE) if residuals.size else SMALLEST_NOISE
+
+
+def _best_plane(
+    moments: NDArray[np.float64],
+    planes: NDArray[np.float64],
+    free: NDArray[np.bool_],
+    seeds: NDArray[np.float64],
+    noise: float,
+    view: View,
+    size: int,
+    *,
+    weigh: bool,
+) -> tuple[NDArray[np.float64], NDArray[np.bool_], float]:
+    """The plane that gathers most area of free blocks: the seeds vote, the best is refitted to its blocks."""
+    gate = 3 * noise + 0.002
+    per_pixel = size * size / (view.fx * view.fy)
+    areas, _ = _votes(moments, planes, free, seeds, gate, LEAST_COSINE, per_pixel)
+    plane = seeds[int(np.argmax(areas * _plausibility(seeds) if weigh else areas))]
+    for _ in range(3):
+        sums, members = _votes(moments, planes, free, plane[np.newaxis], gate, LEAST_COSINE, per_pixel)
+        refitted = _solve(moments[members].sum(axis=0))
+        if refitted is None:
+            return plane, members, 0.0
+        plane = refitted
+    return plane, members, float(sums[0])
+
+
+def _seeds(
+    moments: NDArray[np.float64], free: NDArray[np.bool_], noise: float, up: NDArray[np.float64] | None
+) -> NDArray[np.float64]:
+    """Planes (S, 3) of flat squares of 4 x 4 blocks, near horizontal where up is known; at most MOST_SEEDS of them."""
+    seeds = _flat_squares(moments, free, 2 * noise + 0.001)
+    if up is not None:
+        normals = -seeds / np.linalg.norm(seeds, axis=1, keepdims=True)
+        seeds = seeds[normals @ up > np.cos(LARGEST_TILT + np.radians(3.0))]
+    else:
+        seeds = seeds[_plausibility(seeds) > 0]
+    return seeds[np.linspace(0, len(seeds) - 1, min(len(seeds), MOST_SEEDS)).astype(np.int64)]
+
+
+def _plausibility(planes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """How likely (0..1) a plane carries objects when gravity is unknown: cameras are held upright and look down."""
+    normals = -planes / np.linalg.norm(planes, axis=1, keepdims=True)
+    upward = np.clip(-normals[:, 1], 0.0, 1.0)
+    return np.where(upward > 0.2, 1.0, 0.3 + 3.5 * upward)
+
+
+def _choose(
+    found: list[tuple[NDArray[np.float64], float]],
+    view: View,
+    noise: float,
+    size: int,
+    known_height: tuple[NDArray[np.float64], float] | None,
+) -> list[Support]:
+    """Surfaces out of planes: parallel to the first one, large, and not the top of an object on another one."""
+    chosen: list[Support] = []
+    for plane, area in found:
+        support = _support(plane, view, noise, size)
+        if support is None or support.area < SMALLEST_AREA:
+            continue
+        if known_height is not None:
+            centre = inverse(view.T_cloud_optical) @ support.T_camera_support[:, 3]
+            if abs(known_height[0] @ centre[:3] - known_height[1]) > KNOWN_WITHIN:
+                continue
+        elif not all(_stands_apart(support, other, area) for other in chosen):
+            continue
+        chosen.append(support)
+        if len(chosen) == MOST_SUPPORTS:
+            break
+    return _highest_first(chosen)
+
+
+def _highest_first(supports: list[Support]) -> list[Support]:
+    """A table before the floor it stands on, unless it is a small piece beside it."""
+    if not supports:
+        return supports
+    most = max(support.inliers for support in supports)
+    up = supports[0].normal
+
+    def rank(support: Support) -> tuple[bool, float]:
+        return support.inliers < 0.15 * most, -float(up @ support.T_camera_support[:3, 3])
+
+    return sorted(supports, key=rank)
+
+
+def _stands_apart(support: Support, other: Support, area: float) -> bool:
+    """True for a surface parallel to the other one and either beside it or far above or below."""
+    if support.normal @ other.normal < np.cos(np.radians(5.0)):
+        return False
+    centre = support.T_camera_support[:3, 3]
+    above = float(other.normal @ centre - other.distance)
+    if abs(above) < 0.012 or (above < 0 and area < 2 * SMALLEST_AREA):
+        return False
+    return not (0 < above < FURNITURE_HEIGHT and (area < FURNITURE_AREA or _within(centre, other)))
+
+
+def _within(point: NDArray[np.float64], support: Support) -> bool:
+    """True where the point (3,), cloud frame, stands over the outline."""
+    xy = (inverse(support.T_camera_support) @ np.append(point, 1.0))[:2]
+    corners = support.outline
+    following = np.roll(corners, -1, axis=0)
+    return bool(all(_turn(a, b, xy) >= 0 for a, b in zip(corners, following, strict=True)))
+
+
+def _support(plane: NDArray[np.float64], view: View, noise: float, size: int) -> Support | None:
+    """The surface on a plane: refitted to pixels, framed, outlined."""
+    for gate, step in ((4 * noise + 0.002, 3), (3 * noise + 2e-5, 2), (3 * noise + 2e-5, 1)):
+        moments = _refit(view.depth, *view.pinhole, plane, gate, step)
+        refitted = _solve(moments)
+        if refitted is None or moments[0] < 50:
+            return None
+        plane = refitted
+    spread = max(_residual(moments, plane), noise)
+    points = _gather(view.depth, *view.pinhole, plane, 3 * noise + 2e-5, size)
+    if len(points) < 3:
+        return None
+    normal, distance = _up_side(plane)
+    T_optical_support = _frame(normal, distance, points.mean(axis=0), view)
+    ends = points[_row_ends(points)]
+    outline = outline_of((ends - T_optical_support[:3, 3]) @ T_optical_support[:3, :2])
+    if len(outline) < 3:
+        return None
+    T = view.T_cloud_optical @ T_optical_support
+    covariance = _covariance(moments, plane, spread, T_optical_support)
+    rms = spread * float(np.mean(points[:, 2] ** 2)) * float(np.mean(np.abs(points @ normal / points[:, 2])))
+    return Support(T[:3, 2], float(T[:3, 2] @ T[:3, 3]), T, outline, area_of(outline), int(moments[0]), rms, covariance)
+
+
+def _row_ends(points: NDArray[np.float64]) -> NDArray[np.intp]:
+    """First and last point of each image row; the hull needs no others."""
+    row = points[:, 1] / points[:, 2]
+    first = np.flatnonzero(np.diff(row, prepend=-np.inf) > 1e-9)
+    return np.concatenate([first, np.append(first[1:] - 1, len(points) - 1)])
+
+
+def _frame(
+    normal: NDArray[np.float64], distance: float, centroid: NDArray[np.float64], view: View
+) -> NDArray[np.float64]:
+    """T_optical_support (4, 4)."""
+    towards = view.T_cloud_optical[0, :3]  # the cloud's x axis in the optical frame
+    x = towards - (towards @ normal) * normal
+    if np.linalg.norm(x) < 0.3:
+        towards = view.T_cloud_optical[1, :3]
+        x = towards - (towards @ normal) * normal
+    x /= np.linalg.norm(x)
+    T = np.eye(4)
+    T[:3, 0], T[:3, 1], T[:3, 2] = x, np.cross(normal, x), normal
+    T[:3, 3] = centroid - (normal @ centroid - distance) * normal
+    return T
+
+
+def _covariance(
+    moments: NDArray[np.float64], plane: NDArray[np.float64], spread: float, T_optical_support: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Of height, tilt about x and tilt about y, from the normal equations in inverse depth."""
+    information = _normal_matrix(moments)
+    cov_plane = np.linalg.pinv(information) * spread**2
+    length = float(np.linalg.norm(plane))
+    normal, origin = T_optical_support[:3, 2], T_optical_support[:3, 3]
+    # a change of the plane's three numbers moves the surface at p by -(change . p) / length along its normal
+    sign = 1.0 if plane @ normal > 0 else -1.0
+    rows = np.stack([-sign * origin, -sign * T_optical_support[:3, 1], sign * T_optical_support[:3, 0]]) / length
+    covariance: NDArray[np.float64] = rows @ cov_plane @ rows.T
+    return covariance
+
+
+def _up_side(plane: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
+    """Normal toward the camera and distance of the plane (A, B, C) with A x + B y + C z = 1."""
+    length = float(np.linalg.norm(plane))
+    return -plane / length, -1.0 / length
+
+
+def _normal_matrix(moments: NDArray[np.float64]) -> NDArray[np.float64]:
+    n, x, y, xx, xy, yy = moments[:6]
+    return np.array([[xx, xy, x], [xy, yy, y], [x, y, n]])
+
+
+def _solve(moments: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    """Plane (A, B, C) of summed moments; None where they do not determine one."""
+    information = _normal_matrix(moments)
+    if moments[0] < 3 or abs(np.linalg.det(information / moments[0])) < 1e-12:
+        return None
+    plane: NDArray[np.float64] = np.linalg.solve(information, moments[[7, 8, 6]])
+    return plane if np.isfinite(plane).all() and np.linalg.norm(plane) > 1e-3 else None
+
+
+def _residual(moments: NDArray[np.float64], plane: NDArray[np.float64]) -> float:
+    """Root mean square residual, 1/m."""
+    left = moments[9] - plane @ moments[[7, 8, 6]]
+    return float(np.sqrt(max(left, 0.0) / moments[0]))
+
+
+@njit(cache=True, nogil=True)
+def _blocks(
+    depth: NDArray[np.float32], fx: float, fy: float, cx: float, cy: float, size: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Moments (R, C, 10): n x y xx xy yy w wx wy ww of rays (x, y) and w = 1 / z; planes (R, C, 4): A B C residual."""
+    rows, columns = depth.shape[0] // size, depth.shape[1] // size
+    moments = np.zeros((rows, columns, 10))
+    planes = np.full((rows, columns, 4), np.inf)
+    for r in range(rows):
+        for c in range(columns):
+            # about the block's own centre and inverse depth, so that nothing cancels
+            x0, y0 = ((c + 0.5) * size - 0.5 - cx) / fx, ((r + 0.5) * size - 0.5 - cy) / fy
+            n, sx, sy, sxx, sxy, syy, sw, swx, swy, sww = 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+            for j in range(size):
+                y = (r * size + j - cy) / fy - y0
+                for i in range(size):
+                    z = depth[r * size + j, c * size + i]
+                    if z > 0:
+                        x = (c * size + i - cx) / fx - x0
+                        w = 1.0 / z
+                        n += 1
+                        sx += x
+                        sy += y
+                        sxx += x * x
+                        sxy += x * y
+                        syy += y * y
+                        sw += w
+                        swx += w * x
+                        swy += w * y
+                        sww += w * w
+            if n * 2 < size * size:
+                continue
+            mx, my, mw = sx / n, sy / n, sw / n
+            a, b, d = sxx - n * mx * mx, sxy - n * mx * my, syy - n * my * my
+            p, q = swx - n * mx * mw, swy - n * my * mw
+            det = a * d - b * b
+            if det > 1e-3 * a * d:
+                A, B = (d * p - b * q) / det, (a * q - b * p) / det
+                left = sww - n * mw * mw - A * p - B * q
+                planes[r, c, 0], planes[r, c, 1] = A, B
+                planes[r, c, 2] = mw - A * (mx + x0) - B * (my + y0)
+                planes[r, c, 3] = np.sqrt(max(left, 0.0) / max(n - 3, 1))
+            m = moments[r, c]
+            m[0], m[1], m[2] = n, sx + n * x0, sy + n * y0
+            m[3] = sxx + 2 * x0 * sx + n * x0 * x0
+            m[4] = sxy + x0 * sy + y0 * sx + n * x0 * y0
+            m[5] = syy + 2 * y0 * sy + n * y0 * y0
+            m[6], m[7], m[8], m[9] = sw, swx + x0 * sw, swy + y0 * sw, sww
+    return moments, planes
+
+
+@njit(cache=True, nogil=True)
+def _flat_squares(moments: NDArray[np.float64], free: NDArray[np.bool_], gate: float) -> NDArray[np.float64]:
+    """Planes (S, 3) of those squares of 4 x 4 blocks, half of them free, whose residual is below gate, 1/m."""
+    rows, columns = moments.shape[0] // 4, moments.shape[1] // 4
+    seeds = np.empty((rows * columns, 3))
+    count = 0
+    for r in range(rows):
+        for c in range(columns):
+            m = np.zeros(10)
+            blocks = 0
+            for j in range(4):
+                for i in range(4):
+                    if free[4 * r + j, 4 * c + i]:
+                        blocks += 1
+                        m += moments[4 * r + j, 4 * c + i]
+            if blocks < 8:
+                continue
+            n = m[0]
+            x, y, w = m[1] / n, m[2] / n, m[6] / n
+            a, b, d = m[3] / n - x * x, m[4] / n - x * y, m[5] / n - y * y
+            p, q = m[7] / n - x * w, m[8] / n - y * w
+            det = a * d - b * b
+            if det <= 1e-3 * a * d:
+                continue
+            A, B = (d * p - b * q) / det, (a * q - b * p) / det
+            left = m[9] / n - w * w - A * p - B * q
+            if left < gate * gate:
+                seeds[count, 0], seeds[count, 1], seeds[count, 2] = A, B, w - A * x - B * y
+                count += 1
+    return seeds[:count]
+
+
+@njit(cache=True, nogil=True)
+def _votes(
+    moments: NDArray[np.float64],
+    planes: NDArray[np.float64],
+    free: NDArray[np.bool_],
+    seeds: NDArray[np.float64],
+    gate: float,
+    least_cosine: float,
+    per_pixel: float,
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Square metres of free blocks on each seed plane (S,), and which blocks are on the last one."""
+    rows, columns = free.shape
+    areas = np.zeros(len(seeds))
+    members = np.zeros((rows, columns), np.bool_)
+    for s in range(len(seeds)):
+        A, B, C = seeds[s, 0], seeds[s, 1], seeds[s, 2]
+        length = np.sqrt(A * A + B * B + C * C)
+        last = s == len(seeds) - 1
+        for r in range(rows):
+            for c in range(columns):
+                if not free[r, c]:
+                    continue
+                n = moments[r, c, 0]
+                x, y, w = moments[r, c, 1] / n, moments[r, c, 2] / n, moments[r, c, 6] / n
+                expected = A * x + B * y + C
+                if abs(w - expected) > gate:
+                    continue
+                a, b, k = planes[r, c, 0], planes[r, c, 1], planes[r, c, 2]
+                cosine = (a * A + b * B + k * C) / (length * np.sqrt(a * a + b * b + k * k))
+                if cosine < least_cosine:
+                    continue
+                slant = max(expected / length, 0.1)
+                areas[s] += per_pixel / (w * w * slant)
+                if last:
+                    members[r, c] = True
+    return areas, members
+
+
+@njit(cache=True, nogil=True)
+def _refit(
+    depth: NDArray[np.float32],
+    fx: float,
+    fy: float,
+    cx: float,
+    cy: float,
+    plane: NDArray[np.float64],
+    gate: float,
+    step: int,
+) -> NDArray[np.float64]:
+    """Moments (10,) of the pixels of every step-th row and column whose inverse depth is within gate of the plane's."""
+    m = np.zeros(10)
+    for v in range(0, depth.shape[0], step):
+        y = (v - cy) / fy
+        n, sx, sxx, sw, swx, sww = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        for u in range(0, depth.shape[1], step):
+            z = depth[v, u]
+            if z > 0:
+                x = (u - cx) / fx
+                w = 1.0 / z
+                if abs(w - (plane[0] * x + plane[1] * y + plane[2])) < gate:
+                    n += 1.0
+                    sx += x
+                    sxx += x * x
+                    sw += w
+                    swx += w * x
+                    sww += w * w
+        m[0] += n
+        m[1] += sx
+        m[2] += n * y
+        m[3] += sxx
+        m[4] += sx * y
+        m[5] += n * y * y
+        m[6] += sw
+        m[7] += swx
+        m[8] += sw * y
+        m[9] += sww
+    return m
+
+
+@njit(cache=True, nogil=True)
+def _gather(
+    depth: NDArray[np.float32],
+    fx: float,
+    fy: float,
+    cx: float,
+    cy: float,
+    plane: NDArray[np.float64],
+    gate: float,
+    step: int,
+) -> NDArray[np.float64]:
+    """Points (N, 3), optical frame, metres, of every step-th pixel on the plane whose neighbours are on it too."""
+    points = np.empty(((depth.shape[0] // step + 1) * (depth.shape[1] // step + 1), 3))
+    count = 0
+    for v in range(step // 2, depth.shape[0] - 1, step):
+        for u in range(step // 2, depth.shape[1] - 1, step):
+            on = 0
+            for dv in range(-1, 2):
+                for du in range(-1, 2):
+                    if v + dv >= 0 and u + du >= 0:
+                        z = depth[v + dv, u + du]
+                        if z > 0:
+                            x, y = (u + du - cx) / fx, (v + dv - cy) / fy
+                            if abs(1.0 / z - (plane[0] * x + plane[1] * y + plane[2])) < gate:
+                                on += 1
+            if on >= 6 and depth[v, u] > 0:
+                x, y = (u - cx) / fx, (v - cy) / fy
+                z = 1.0 / (plane[0] * x + plane[1] * y + plane[2])
+                points[count, 0], points[count, 1], points[count, 2] = x * z, y * z, z
+                count += 1
+    return points[:count]
