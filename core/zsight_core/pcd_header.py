@@ -151,9 +151,9 @@ def _entries(file: BinaryIO, path: AnyPath) -> dict[str, list[str]]:
     entries: dict[str, list[str]] = {}
     for number in range(1, _MOST_LINES + 1):
         line = file.readline(_LONGEST_LINE)
-        if not line:
-            raise FileError(path, "is empty" if number == 1 else "ends within its header; expected a line DATA")
         words = _words(line, number, path)
+        if not line.endswith(b"\n"):
+            raise FileError(path, "is empty" if number == 1 and not line else "ends within its header, before its data")
         if not words:
             continue
         keyword, values = words[0].upper(), words[1:]
@@ -163,8 +163,6 @@ def _entries(file: BinaryIO, path: AnyPath) -> dict[str, list[str]]:
             raise FileError(path, f"line {number} gives {keyword} a second time")
         entries[keyword] = values
         if keyword == "DATA":
-            if not line.endswith(b"\n"):
-                raise FileError(path, "ends within the header's last line")
             return entries
     raise FileError(path, f"has no line DATA among its first {_MOST_LINES}; that is no PCD file")
 

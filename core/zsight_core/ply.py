@@ -10,7 +10,6 @@ import numpy as np
 from zsight_core.atomic_file import AnyPath, atomic_file
 from zsight_core.errors import FileError, PointsError
 from zsight_core.input_file import fill, input_file, require_size
-from zsight_core.points import colours
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -20,7 +19,7 @@ if TYPE_CHECKING:
 
     from zsight_core.points import Points
 
-__all__ = ["PlyEncoding", "PlyFile", "read", "write"]
+__all__ = ["PlyEncoding", "PlyFile", "read", "warm_up", "write"]
 
 PlyEncoding = Literal["ascii", "binary_little_endian", "binary_big_endian"]
 
@@ -104,6 +103,13 @@ def write(
     with atomic_file(path, overwrite=overwrite) as file:
         file.write(_format_header(records, encoding))
         _write_rows(file, records, encoding)
+
+
+def warm_up() -> None:
+    """Compile the kernels, or load them from the cache."""
+    from zsight_core import number_rows
+
+    number_rows.warm_up()
 
 
 @dataclass(frozen=True)
@@ -251,10 +257,9 @@ def _with_separate_colours(points: Points) -> Points:
     columns: dict[str, NDArray[Any]] = {}
     for name in points.dtype.names:
         if name == "rgb" and points.dtype[name].itemsize == 4:
-            channels = colours(points).reshape(-1, 3)
-            columns |= {
-                channel: channels[:, k] for k, channel in enumerate(_COLOUR) if channel not in points.dtype.names
-            }
+            if set(_COLOUR) & set(points.dtype.names):
+                raise PointsError("cloud has both rgb and red, green or blue, which are the same in PLY; drop one")
+            columns |= _channels(points[name].reshape(-1))
         else:
             _require_sayable(name, points.dtype[name])
             columns[name] = points[name].reshape(-1)
@@ -262,6 +267,12 @@ def _with_separate_colours(points: Points) -> Points:
     for name, column in columns.items():
         records[name] = column
     return records
+
+
+def _channels(packed: NDArray[Any]) -> dict[str, NDArray[np.uint8]]:
+    """Red, green and blue of packed colours (N,) of any byte order and type of four bytes."""
+    bits = np.ascontiguousarray(packed.astype(packed.dtype.newbyteorder("="))).view(np.uint32)
+    return {name: (bits >> shift & 255).astype(np.uint8) for name, shift in zip(_COLOUR, (16, 8, 0), strict=True)}
 
 
 def _require_sayable(name: str, dtype: np.dtype[Any]) -> None:
