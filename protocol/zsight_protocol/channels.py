@@ -50,6 +50,7 @@ CHANNELS = (
     Channel("*/selected_points", PointCloud2, Delivery.EVERY),
     Channel("*/plane", Plane, Delivery.LATEST),
     Channel("*/plane/points", PointCloud2, Delivery.LATEST),
+    Channel("*/plane/above", PointCloud2, Delivery.LATEST),
     Channel("tf", TransformList, Delivery.EVERY),
     Channel("tf_static", TransformList, Delivery.LATCHED),
     Channel("find_object/*", FindObjectGoal, Delivery.REQUEST),
@@ -151,6 +152,10 @@ class Cell:
     def plane_points(self, camera: str) -> str:
         """Coplanar points of those planes."""
         return self._key(_camera(camera), "plane", "points")
+
+    def points_above_plane(self, camera: str) -> str:
+        """Points that stand above those planes."""
+        return self._key(_camera(camera), "plane", "above")
 
     @property
     def tf_static(self) -> str:

@@ -12,6 +12,7 @@ __all__ = [
     "BoxShape",
     "CatalogAnswer",
     "CatalogRequest",
+    "Channel8",
     "CylinderShape",
     "MeshShape",
     "ObjectType",
@@ -83,8 +84,8 @@ class ObjectType(Message):
     name: TypeName
     code: Annotated[int, Field(ge=0, lt=2**31)] | None = None
     shape: ShapeOf
-    color: Annotated[tuple[Channel8, Channel8, Channel8], Strict(False)] | None = None
-    description: Annotated[str, Field(max_length=2000)] = ""
+    colour: Annotated[tuple[Channel8, Channel8, Channel8], Strict(False)] | None = None
+    notes: Annotated[str, Field(max_length=2000)] = ""
     grasps: Annotated[tuple[Extras, ...], Strict(False), Field(max_length=64)] = ()
     properties: Extras = Field(default_factory=dict)
 

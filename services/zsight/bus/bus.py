@@ -18,7 +18,7 @@ from zsight_protocol.errors import ProtocolError
 from zsight_protocol.message import Message
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
     from zsight.bus.link import Closable, Link, RawReader, RawReplies, RawSample, RawWriter, RequestHandler
 
@@ -53,6 +53,8 @@ class Bus:
         self.stopping = threading.Event()
         self.writers: list[WriteCounter] = []
         self.readers: list[ReadCounter] = []
+        self.on_ready: Callable[[], object] = lambda: None
+        self._ready_token: object = None
         self._open_readers: list[Reader[Any]] = []
 
     def writer(self, key: str, kind: type[M]) -> Writer[M]:
@@ -79,6 +81,11 @@ class Bus:
     def ask(self, key: str, payload: bytes, timeout: float, *, everyone: bool = False) -> RawReplies:
         """Send a request."""
         return self.link.ask(key, payload, timeout, everyone=everyone)
+
+    def ready(self) -> None:
+        """Called by a service when it reads all that it reads: from now on others may count on it."""
+        # Zenoh withdraws a liveliness token that nobody refers to.
+        self._ready_token = self.on_ready()
 
     def stop(self) -> None:
         """Wake every reader and end its loop; what is declared stays until close."""

@@ -34,6 +34,10 @@ class RawSample(Protocol):
     def attachment(self) -> bytes:
         """What the writer attached: see zsight.bus.attachment."""
 
+    @property
+    def size(self) -> int:
+        """How many bytes they are."""
+
     def take(self) -> bytes | None:
         """A copy of the bytes; none where they were lost before they could be copied."""
 

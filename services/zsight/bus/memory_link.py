@@ -43,6 +43,10 @@ class _Sample:
     payload: bytes
     attachment: bytes
 
+    @property
+    def size(self) -> int:
+        return len(self.payload)
+
     def take(self) -> bytes | None:
         return self.payload
 

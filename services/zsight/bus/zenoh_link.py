@@ -183,6 +183,10 @@ class _ZenohSample:
         attachment = self._sample.attachment
         return attachment.to_bytes() if attachment is not None else b""
 
+    @property
+    def size(self) -> int:
+        return len(self._sample.payload)
+
     def take(self) -> bytes | None:
         payload = self._sample.payload
         copied = payload.to_bytes()

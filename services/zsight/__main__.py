@@ -1,0 +1,5 @@
+"""``python -m zsight``: the command line."""
+
+from zsight.cli import main
+
+main()

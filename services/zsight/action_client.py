@@ -1,0 +1,100 @@
+"""The client half of an action: send a goal, read its updates, get its answer or a reason why there is none."""
+
+from __future__ import annotations
+
+import threading
+import time
+from typing import TYPE_CHECKING, Generic, TypeVar
+
+from zsight.errors import DeadlinePassed, NobodyAnswers, ServerLost
+from zsight_protocol.action import CancelRequest, CancelResponse, Update
+from zsight_protocol.codec import decode, encode
+from zsight_protocol.errors import ProtocolError
+from zsight_protocol.message import Message
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from zsight.bus import Bus
+
+__all__ = ["GoalCall", "cancel"]
+
+Result = TypeVar("Result", bound=Message)
+
+_MARGIN = 0.5  # seconds beyond the goal's own deadline, in which the server's word on it may arrive
+
+
+class GoalCall(Generic[Result]):
+    """A goal that was sent: iterate over its updates, or wait for its result."""
+
+    def __init__(self, bus: Bus, key: str, goal: Message, goal_id: str, result: type[Result], timeout: float) -> None:
+        """Args: bus; key of the server; goal and its id; kind of its result; seconds the goal allows."""
+        self.goal_id = goal_id
+        self._key = key
+        self._kind: type[Update[Result]] = Update[result]  # type: ignore[valid-type]  # a class made at run time
+        self._deadline = time.monotonic() + timeout + _MARGIN
+        self._timeout = timeout
+        self._replies = bus.ask(key, encode(goal), timeout + 2 * _MARGIN)
+        self._final: Update[Result] | None = None
+        self._heard = False
+        self._lock = threading.Lock()
+
+    def __iter__(self) -> Iterator[Update[Result]]:
+        """Updates as they come, the final one last.
+
+        Raises:
+            NobodyAnswers: no server took the goal.
+            ServerLost: the server took the goal, and died or was cut off before it answered.
+            DeadlinePassed: neither happened in time.
+        """
+        while self._final is None:
+            yield self._next()
+
+    def _next(self) -> Update[Result]:
+        with self._lock:
+            try:
+                payload = self._replies.take(self._deadline - time.monotonic())
+            except TimeoutError:
+                self._replies.close()
+                raise DeadlinePassed(f"no answer from {self._key} within {self._timeout:g} s") from None
+            if payload is None:
+                raise self._loss()
+            self._heard = True
+            try:
+                update = decode(self._kind, payload)
+            except ProtocolError as error:
+                self._replies.close()
+                raise ServerLost(f"{self._key} answered with something else than an update: {error}") from None
+            if update.final:
+                self._final = update
+            return update
+
+    def _loss(self) -> Exception:
+        if not self._heard:
+            return NobodyAnswers(f"nobody answers on {self._key}: is the service running? See: zsight node list")
+        return ServerLost(f"the server on {self._key} went away while it worked on goal {self.goal_id}: ask again")
+
+    def wait(self, on_update: Callable[[Update[Result]], None] = lambda _: None) -> Update[Result]:
+        """The final update; every update before it is handed to on_update. Raises as iterating does."""
+        for update in self:
+            on_update(update)
+        if self._final is None:
+            raise ServerLost(f"goal {self.goal_id} ended without an answer")
+        return self._final
+
+
+def cancel(bus: Bus, key: str, goal_id: str | None, timeout: float = 1.0) -> CancelResponse:
+    """Ask a server to cancel one goal, or all; key is that of its cancel requests.
+
+    Raises:
+        NobodyAnswers: no server is there.
+        DeadlinePassed: it does not answer.
+    """
+    replies = bus.ask(key, encode(CancelRequest(goal_id=goal_id)), timeout)
+    try:
+        payload = replies.take(timeout)
+    except TimeoutError:
+        raise DeadlinePassed(f"no answer from {key} within {timeout:g} s") from None
+    if payload is None:
+        raise NobodyAnswers(f"nobody answers on {key}: is the service running? See: zsight node list")
+    return decode(CancelResponse, payload)

@@ -1,0 +1,96 @@
+"""The camera service: one source of clouds on the bus, with its calibration and its place in the world."""
+
+from __future__ import annotations
+
+import logging
+import time
+from typing import TYPE_CHECKING
+
+from pydantic import Field
+
+from zsight.convert import cloud_from_points
+from zsight.settings import Settings as ServiceSettings
+from zsight.sources import open_source
+from zsight_core.errors import FileError
+from zsight_protocol.camera_info import CameraInfo
+from zsight_protocol.geometry import TransformList
+from zsight_protocol.message import Time
+from zsight_protocol.point_cloud import PointCloud2
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from zsight.bus import Bus
+    from zsight.sources import Source
+    from zsight_core.points import Points
+
+__all__ = ["Settings", "run"]
+
+log = logging.getLogger(__name__)
+
+
+class Settings(ServiceSettings):
+    """Settings of the camera service."""
+
+    camera: str = Field("kinect", description="name of the camera in the keys")
+    source: str = Field(
+        "book",
+        description="ellipse; a scene's name or .yaml file; a .pcd or .ply file; a folder of those, or of RGB-D pairs",
+    )
+    rate: float | None = Field(
+        None, gt=0, le=1000, description="clouds a second (above 0, up to 1000); the source's own if not given"
+    )
+    loop: bool = Field(True, description="begin again after the last file; otherwise stop there")
+    frame: str = Field("", description="frame of clouds from files; CAMERA_optical_frame if not given")
+    pose: str = Field("", description="x y z qx qy qz qw of that frame in the world, metres, where it is known")
+    world_frame: str = Field("world", description="name of the world's frame for such a pose")
+    seed: int | None = Field(None, ge=0, description="seed of a scene's noise; the scene's own if not given")
+
+
+def run(bus: Bus, settings: Settings) -> None:
+    """Publish the source's clouds at their rate, each stamped with the time it was taken."""
+    frame = settings.frame or f"{settings.camera}_optical_frame"
+    source = open_source(
+        settings.source, frame=frame, pose=settings.pose, world_frame=settings.world_frame, seed=settings.seed
+    )
+    writer = bus.writer(bus.cell.points(settings.camera), PointCloud2)
+    if source.camera_info is not None:
+        bus.writer(bus.cell.camera_info(settings.camera), CameraInfo).send(source.camera_info)
+    if source.transforms is not None:
+        bus.writer(bus.cell.tf_static, TransformList).send(source.transforms)
+    clouds = _stream(source, loop=settings.loop)
+    bus.ready()
+    for points in _paced(clouds, settings.rate or source.rate, bus):
+        writer.send(cloud_from_points(points, Time.now(), source.frame_id))
+
+
+def _stream(source: Source, *, loop: bool) -> Iterator[Points]:
+    """The source's clouds, over and over where asked; an unreadable file is logged and passed over."""
+    while True:
+        sent = 0
+        clouds = source.clouds()
+        while True:
+            try:
+                points = next(clouds, None)
+            except FileError as error:
+                log.warning("passed over: %s", error)
+                break
+            if points is None:
+                break
+            if points.size == 0:
+                log.warning("passed over a cloud without points")
+                continue
+            sent += 1
+            yield points
+        if not loop or not sent:
+            return
+
+
+def _paced(clouds: Iterator[Points], rate: float, bus: Bus) -> Iterator[Points]:
+    """Each cloud at its time; a cloud that took too long shifts those behind it instead of crowding them."""
+    due = time.monotonic()
+    for points in clouds:
+        if bus.stopping.wait(max(due - time.monotonic(), 0.0)):
+            return
+        yield points
+        due = max(due + 1 / rate, time.monotonic())

@@ -1,0 +1,65 @@
+"""Ask a running finder, with progress for people."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from zsight.bus import Bus
+from zsight.bus.zenoh_link import open_link
+from zsight.client import CellClient
+from zsight_protocol.channels import Cell
+from zsight_protocol.find_object import Capture
+
+if TYPE_CHECKING:
+    from zsight.network import Network
+    from zsight_protocol.action import Update
+    from zsight_protocol.find_object import FindObjectResult
+    from zsight_protocol.geometry import Region
+
+__all__ = ["ask"]
+
+
+def ask(
+    network: Network,
+    object_type: str,
+    *,
+    finder: str,
+    frame: str,
+    timeout: float,
+    known_height: float | None,
+    region: Region | None,
+    new: bool,
+    maximum: int,
+    picture: Path | None,
+    quiet: bool,
+) -> FindObjectResult:
+    """The answer of a finder; Ctrl-C cancels the goal there."""
+    with CellClient(Bus(open_link(network), Cell(network.namespace))) as cell:
+        try:
+            result = cell.find(
+                object_type,
+                finder=finder,
+                frame=frame,
+                known_height=known_height,
+                region=region,
+                capture=Capture.NEW if new else Capture.LAST,
+                maximum=maximum,
+                timeout=timeout,
+                on_update=(lambda _: None) if quiet or not sys.stderr.isatty() else _show,
+            )
+        except KeyboardInterrupt:
+            cell.cancel(finder=finder)
+            raise
+        if picture is not None:
+            from zsight.pictures import draw_live
+
+            draw_live(cell.bus, result, picture)
+        return result
+
+
+def _show(update: Update[FindObjectResult]) -> None:
+    line = "" if update.final else f"{update.stage} {update.fraction:.0%}"
+    sys.stderr.write(f"\r\x1b[K{line}")  # back to the start of the line, which is cleared
+    sys.stderr.flush()

@@ -1,0 +1,28 @@
+"""``zsight demo``: the main job on one machine."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from zsight.cli.options import Json
+from zsight.cli.output import print_json, say
+
+__all__ = ["demo"]
+
+
+def demo(
+    json: Json = False,
+    picture: Annotated[Path | None, typer.Option("--picture", metavar="FILE", help="PNG file of the answer.")] = None,
+    scene: Annotated[str, typer.Option("--scene", help="Simulated scene: a name or a .yaml file.")] = "book",
+    seed: Annotated[int | None, typer.Option("--seed", min=0, help="Seed of the scene's noise.")] = None,
+) -> None:
+    """Find the toy block in a simulated scene: router, camera, voxel, planes and finder as processes, then all stopped."""
+    from zsight.demonstration import demonstrate
+
+    result = demonstrate(scene=scene, seed=seed, picture=picture, say=say)
+    if json:
+        print_json(result.report)
+    raise typer.Exit(0 if result.found else 1)

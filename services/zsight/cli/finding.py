@@ -1,0 +1,150 @@
+"""``zsight find``: ask a finder, or look into a file without a network."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from zsight.cli.options import Connect, Json, Namespace, Picture, network_of
+from zsight.cli.output import print_json, say
+from zsight.errors import UsageError
+
+if TYPE_CHECKING:
+    from zsight_protocol.find_object import DetectedObject, FindObjectResult
+    from zsight_protocol.geometry import Region
+
+__all__ = ["describe", "find", "result_json"]
+
+
+def find(
+    object_type: Annotated[
+        str, typer.Argument(metavar="TYPE", help="Catalogue name or the book's number, such as toy_block or 1000.")
+    ],
+    json: Json = False,
+    frame: Annotated[str, typer.Option("--frame", help="Frame of the answer; the world's if not given.")] = "",
+    timeout: Annotated[float, typer.Option("--timeout", min=0.01, max=3600, help="Seconds.")] = 10.0,
+    every: Annotated[bool, typer.Option("--all", help="All instances, not only the most probable one.")] = False,
+    known_height: Annotated[
+        float | None,
+        typer.Option("--known-height", metavar="H", help="Height of the support surface in the world, metres."),
+    ] = None,
+    region: Annotated[
+        str | None,
+        typer.Option("--region", metavar='"X0 Y0 Z0 X1 Y1 Z1"', help="Only what lies in this box of the frame."),
+    ] = None,
+    new: Annotated[bool, typer.Option("--new", help="Wait for a cloud measured after the question.")] = False,
+    finder: Annotated[str, typer.Option("--finder", help="Which finder is asked.")] = "finder",
+    cloud: Annotated[
+        Path | None,
+        typer.Option(
+            "--cloud", metavar="FILE", help="Look into this file (.pcd, .ply, ..-depth.png) instead; no network."
+        ),
+    ] = None,
+    camera_pose: Annotated[
+        str, typer.Option("--camera-pose", metavar='"X Y Z QX QY QZ QW"', help="With --cloud: the camera in the world.")
+    ] = "",
+    catalogue: Annotated[
+        Path | None,
+        typer.Option("--catalogue", metavar="FOLDER", help="With --cloud: further object types (YAML files)."),
+    ] = None,
+    picture: Picture = None,
+    connect: Connect = None,
+    namespace: Namespace = None,
+) -> None:
+    """Find an object; exit code 0 found, 1 not found or cannot tell, 3 nobody answers, 4 too late, 5 cancelled."""
+    box = _region(region)
+    if cloud is not None:
+        from zsight.offline import find_in_file
+
+        result = find_in_file(
+            cloud, object_type, pose=camera_pose, catalogue=catalogue, known_height=known_height, region=box,
+            maximum=0 if every else 1, timeout=timeout, picture=picture,
+        )  # fmt: skip
+    else:
+        from zsight.cli.asking import ask
+
+        result = ask(
+            network_of(connect, namespace), object_type, finder=finder, frame=frame, timeout=timeout,
+            known_height=known_height, region=box, new=new, maximum=0 if every else 1, picture=picture, quiet=json,
+        )  # fmt: skip
+    if json:
+        print_json(result_json(result))
+    else:
+        say(describe(result))
+    raise typer.Exit(0 if result.objects else 1)
+
+
+def _region(text: str | None) -> Region | None:
+    if text is None:
+        return None
+    from pydantic import ValidationError
+
+    from zsight_protocol.geometry import Region
+
+    try:
+        numbers = [float(part) for part in text.replace(",", " ").split()]
+        return Region(low=(numbers[0], numbers[1], numbers[2]), high=(numbers[3], numbers[4], numbers[5]))
+    except (ValueError, IndexError, ValidationError) as error:
+        reason = error.errors()[0]["msg"] if isinstance(error, ValidationError) else "six numbers are needed"
+        raise UsageError(f"the region is {text!r} ({reason}); expected x0 y0 z0 x1 y1 z1, low corner first") from None
+
+
+def result_json(result: FindObjectResult) -> dict[str, Any]:
+    """The object that ``find --json`` prints."""
+    return {
+        "status": result.status.value,
+        "code": int(result.code),
+        "stamp_ns": result.header.stamp.ns,
+        "frame_id": result.header.frame_id,
+        "message": result.message,
+        "objects": [_object_json(found) for found in result.objects],
+        "p_absent": result.p_absent,
+        "report": result.report,
+        "timings_ms": result.timings_ms,
+    }
+
+
+def _object_json(found: DetectedObject) -> dict[str, Any]:
+    place, turn = found.pose.position, found.pose.orientation
+    return {
+        "type": found.type,
+        "code": found.code,
+        "score": found.score,
+        "position": [place.x, place.y, place.z],
+        "orientation": [turn.x, turn.y, turn.z, turn.w],
+        "size": list(found.size),
+        "covariance": list(found.covariance),
+        "visible_fraction": found.visible_fraction,
+        "support": None if found.support is None else found.support.model_dump(),
+        "truncated": found.truncated,
+        "occluded": found.occluded,
+        "runner_up": found.runner_up,
+        "equivalent_poses": [pose.model_dump() for pose in found.equivalent_poses],
+    }
+
+
+def describe(result: FindObjectResult) -> str:
+    """The answer in words."""
+    if not result.objects:
+        words = {"not_found": "not found", "cannot_tell": "cannot tell"}[result.status.value]
+        return (
+            f"{words}: {result.message}"
+            if result.message
+            else f"{words} (probability of absence {result.p_absent:.3f})"
+        )
+    return "\n".join(_describe_one(found, result.header.frame_id) for found in result.objects)
+
+
+def _describe_one(found: DetectedObject, frame: str) -> str:
+    place, turn = found.pose.position, found.pose.orientation
+    deviations = [math.sqrt(max(found.covariance[7 * axis], 0.0)) * 1e3 for axis in range(3)]
+    flags = "".join(f", {word}" for word in ("truncated", "occluded") if getattr(found, word))
+    return (
+        f"{found.type} at ({place.x:.4f}, {place.y:.4f}, {place.z:.4f}) m in {frame}, "
+        f"turned ({turn.x:.4f}, {turn.y:.4f}, {turn.z:.4f}, {turn.w:.4f}), "
+        f"probability {found.score:.3f}, +-({deviations[0]:.2f}, {deviations[1]:.2f}, {deviations[2]:.2f}) mm, "
+        f"{found.visible_fraction:.0%} visible{flags}"
+    )

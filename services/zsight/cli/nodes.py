@@ -1,0 +1,92 @@
+"""``zsight node``: who is there and how they are."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from zsight.cli.options import Connect, Json, Namespace, network_of
+from zsight.cli.output import print_json, print_table, say
+from zsight.errors import NobodyAnswers
+
+if TYPE_CHECKING:
+    from zsight_protocol.health import Health
+
+__all__ = ["app"]
+
+app = typer.Typer(help="Who is there and how they are.", no_args_is_help=True, rich_markup_mode=None)
+
+
+@app.command(name="list")
+def list_nodes(json: Json = False, connect: Connect = None, namespace: Namespace = None) -> None:
+    """All processes of the cell."""
+    beats = _beats(connect, namespace)
+    if json:
+        print_json({"nodes": [_node_json(beat) for beat in beats]})
+        return
+    rows = [
+        (
+            f"{b.host}/{b.process}",
+            b.service,
+            b.pid,
+            _since(b),
+            b.level.name,
+            f"{b.memory_bytes / 2**20:.0f} MiB",
+            b.last_error[:60],
+        )
+        for b in beats
+    ]
+    print_table(["process", "service", "pid", "up", "level", "memory", "last error"], rows)
+
+
+@app.command()
+def info(
+    process: Annotated[str, typer.Argument(help="Name of a process, or HOST/NAME.")],
+    json: Json = False,
+    connect: Connect = None,
+    namespace: Namespace = None,
+) -> None:
+    """All that a process tells of itself."""
+    found = [b for b in _beats(connect, namespace) if process in (b.process, f"{b.host}/{b.process}")]
+    if not found:
+        raise NobodyAnswers(f"no process {process} is there; see: zsight node list")
+    for beat in found:
+        if json:
+            print_json(_node_json(beat))
+            continue
+        say(
+            f"{beat.host}/{beat.process}: service {beat.service} {beat.version}, pid {beat.pid}, up {_since(beat)}, {beat.level.name}"
+        )
+        for writer in beat.writers:
+            say(
+                f"  writes {writer.key}: {writer.sent} sent, {writer.rate_hz:.1f} Hz, {writer.bytes_per_second / 1e6:.1f} MB/s"
+            )
+        for reader in beat.readers:
+            say(
+                f"  reads {reader.key}: {reader.received} received, {reader.missed} missed, {reader.refused} refused, {reader.rate_hz:.1f} Hz"
+            )
+        if beat.errors:
+            say(f"  {beat.errors} warnings or errors, the last: {beat.last_error}")
+
+
+def _beats(connect: str | None, namespace: str | None) -> list[Health]:
+    from zsight.beats import ask_health
+    from zsight.runtime import join
+
+    network = network_of(connect, namespace)
+    with join(network) as bus:
+        beats = ask_health(bus)
+    if not beats:
+        raise NobodyAnswers(f"a router answers, but cell {network.namespace} is empty: start it with: zsight up")
+    return beats
+
+
+def _since(beat: Health) -> str:
+    seconds = max(time.time() - beat.started.ns / 1e9, 0)
+    return f"{seconds:.0f} s" if seconds < 120 else f"{seconds / 60:.0f} min"
+
+
+def _node_json(beat: Health) -> dict[str, Any]:
+    return {**beat.model_dump(mode="json"), "level": beat.level.name.lower(), "alive": True}

@@ -1,0 +1,32 @@
+"""Options that several commands share."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from zsight.network import Network
+
+__all__ = ["Connect", "Force", "Json", "Namespace", "Out", "Picture", "network_of"]
+
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout.")]
+Connect = Annotated[
+    str | None, typer.Option("--connect", metavar="ENDPOINT", help="The router, such as tcp/192.0.2.7:7447.")
+]
+Namespace = Annotated[str | None, typer.Option("--namespace", help="The cell, where several share a network.")]
+Force = Annotated[bool, typer.Option("--force", help="Overwrite the output file.")]
+Out = Annotated[
+    Path | None, typer.Option("--output", "-o", metavar="FILE", help="Write the cloud here (.pcd or .ply).")
+]
+Picture = Annotated[Path | None, typer.Option("--picture", metavar="FILE", help="Draw the result into a PNG file.")]
+
+
+def network_of(connect: str | None, namespace: str | None = None) -> Network:
+    """The network from the options, else from the environment."""
+    network = Network.from_environment()
+    if connect is not None:
+        network = replace(network, connect=tuple(part.strip() for part in connect.split(",")))
+    return network if namespace is None else replace(network, namespace=namespace)

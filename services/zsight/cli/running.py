@@ -1,0 +1,89 @@
+"""``zsight run``: one service in this process. ``zsight warm``: compile the kernels once."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Annotated
+
+import typer
+
+from zsight.cli.options import Connect, Namespace, network_of
+from zsight.cli.output import print_table, say
+from zsight.errors import UsageError
+
+__all__ = ["run", "warm"]
+
+
+def run(
+    context: typer.Context,
+    service: Annotated[str, typer.Argument(help="router, camera, voxel, planes, finder, ...")] = "",
+    process: Annotated[str | None, typer.Option("--process", help="Name of the process in the keys.")] = None,
+    connect: Connect = None,
+    namespace: Namespace = None,
+    listen: Annotated[str | None, typer.Option("--listen", help="Where a router listens (comma between).")] = None,
+) -> None:
+    """Run one service here until Ctrl-C; its settings follow as options (zsight run SERVICE --help lists them)."""
+    from zsight.services import SERVICES
+    from zsight.services import service as find_service
+    from zsight.settings import parse
+
+    if service in ("", "-h", "--help"):
+        print_table(["service", "does"], [(row.name, row.does) for row in SERVICES])
+        say("\nzsight run SERVICE --help lists its settings")
+        raise typer.Exit(0 if service else 2)
+    row = find_service(service)
+    if {"-h", "--help"} & set(context.args):
+        _describe(row.name)
+        raise typer.Exit(0)
+    settings = parse(row.settings(), _options(context.args))
+    network = network_of(connect, namespace)
+    if listen is not None:
+        network = replace(network, listen=tuple(part.strip() for part in listen.split(",")))
+    from zsight.runtime import run_service
+
+    raise typer.Exit(run_service(row, settings, process or row.name, network))
+
+
+def _describe(name: str) -> None:
+    from zsight.services import service as find_service
+    from zsight.settings import describe
+
+    row = find_service(name)
+    say(f"zsight run {name}: {row.does}\n")
+    settings = [(f"--{option}", default or "-", words) for option, default, words in describe(row.settings())]
+    print_table(["setting", "default", ""], settings)
+
+
+def _options(arguments: list[str]) -> dict[str, str]:
+    """Pairs of ``--name value`` or ``--name=value``; a name alone is true."""
+    values: dict[str, str] = {}
+    rest = list(arguments)
+    while rest:
+        name = rest.pop(0)
+        if not name.startswith("--"):
+            raise UsageError(f"got {name!r}; expected a setting as --name value")
+        name, equals, value = name[2:].partition("=")
+        if not equals:
+            value = rest.pop(0) if rest and not rest[0].startswith("--") else "true"
+        values[name] = value
+    return values
+
+
+def warm() -> None:
+    """Compile the kernels, once a machine, so that services answer at once."""
+    from zsight_core.warm import is_warm
+    from zsight_core.warm import warm as warm_kernels
+
+    if is_warm():
+        say("kernels are compiled")
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn
+
+    console = Console(stderr=True)
+    with Progress(
+        TextColumn("compiling kernels"), BarColumn(), TextColumn("{task.description}"), console=console
+    ) as bar:
+        task = bar.add_task("", total=1.0)
+        warm_kernels(lambda what, fraction: bar.update(task, completed=fraction, description=what))
+    say("kernels are compiled")

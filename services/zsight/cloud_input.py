@@ -1,0 +1,69 @@
+"""Clouds from and to files, as commands take them: .pcd, .ply, or a depth image with its partner and intrinsics."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from zsight.errors import UsageError
+from zsight_core import cloud_file, depth_camera, pcd, ply, rgbd
+from zsight_core.cloud_file import LoadedCloud
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from zsight_core.points import Points
+
+__all__ = ["read", "write"]
+
+_LEVEL = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+_COLOUR, _DEPTH = "-color.png", "-depth.png"
+
+
+def read(path: Path, intrinsics: Path | None = None) -> LoadedCloud:
+    """A cloud from a file.
+
+    Args:
+        path: .pcd, .ply, or one image of a pair NAME-color.png and NAME-depth.png.
+        intrinsics: camera.toml or .json of a pair; left out: the one in the pair's folder.
+
+    Raises:
+        FileError: the file cannot be read; says why.
+        UsageError: a pair has no intrinsics.
+    """
+    if not path.name.endswith((_COLOUR, _DEPTH)):
+        return cloud_file.read(path)
+    stem = path.name[: -len(_COLOUR)]
+    camera = depth_camera.read(intrinsics) if intrinsics is not None else depth_camera.find(path.parent)
+    if camera is None:
+        raise UsageError(f"{path} needs its camera: give --intrinsics FILE, or put camera.toml beside it")
+    return LoadedCloud(rgbd.read(path.parent / (stem + _COLOUR), path.parent / (stem + _DEPTH), camera))
+
+
+def write(
+    path: Path,
+    points: Points,
+    *,
+    viewpoint: Sequence[float] = _LEVEL,
+    ascii_text: bool = False,
+    compressed: bool = False,
+    overwrite: bool = False,
+) -> None:
+    """Write a cloud; the file appears whole or not at all.
+
+    Raises:
+        FileError: the file exists and overwrite is not given, or it cannot be written.
+        UsageError: the suffix is neither .pcd nor .ply, or the encoding does not exist there.
+    """
+    suffix = path.suffix.lower()
+    if ascii_text and compressed:
+        raise UsageError("a cloud is either ascii or compressed: choose one")
+    if suffix == ".pcd":
+        encoding: pcd.Encoding = "ascii" if ascii_text else "binary_compressed" if compressed else "binary"
+        pcd.write(path, points, viewpoint=viewpoint, encoding=encoding, overwrite=overwrite)
+    elif suffix == ".ply":
+        if compressed:
+            raise UsageError("PLY has no compressed encoding: write a .pcd, or leave --compressed out")
+        ply.write(path, points, encoding="ascii" if ascii_text else "binary_little_endian", overwrite=overwrite)
+    else:
+        raise UsageError(f"cannot write {path}: expected a name that ends in .pcd or .ply")

@@ -1,0 +1,126 @@
+"""Messages to arrays and back: the only place where the protocol and the core meet."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from zsight.errors import UsageError
+from zsight_core import transform
+from zsight_protocol.geometry import Point, Pose, Quaternion, Transform, TransformStamped, Vector3
+from zsight_protocol.message import Header, Time
+from zsight_protocol.point_cloud import Datatype, PointCloud2, PointField
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from zsight_core.points import Points
+
+__all__ = ["cloud_from_points", "matrix_of", "points_of", "pose_of", "stamped", "vector"]
+
+_FORMATS = {
+    Datatype.INT8: "i1",
+    Datatype.UINT8: "u1",
+    Datatype.INT16: "<i2",
+    Datatype.UINT16: "<u2",
+    Datatype.INT32: "<i4",
+    Datatype.UINT32: "<u4",
+    Datatype.FLOAT32: "<f4",
+    Datatype.FLOAT64: "<f8",
+}
+_DATATYPES = {np.dtype(form): datatype for datatype, form in _FORMATS.items()}
+
+
+def points_of(cloud: PointCloud2) -> Points:
+    """The points of a message, shape (height, width): a read-only view of its data, nothing is copied."""
+    formats: list[Any] = [
+        _FORMATS[field.datatype] if field.count == 1 else (_FORMATS[field.datatype], field.count)
+        for field in cloud.fields
+    ]
+    dtype = np.dtype(
+        {
+            "names": [field.name for field in cloud.fields],
+            "formats": formats,
+            "offsets": [field.offset for field in cloud.fields],
+            "itemsize": cloud.point_step,
+        }
+    )
+    points: Points = np.frombuffer(cloud.data, dtype=dtype).reshape(cloud.height, cloud.width)
+    return points
+
+
+def cloud_from_points(points: Points, stamp: Time, frame_id: str) -> PointCloud2:
+    """A message of points (H, W); its data is a view of theirs where they lie side by side, else a copy.
+
+    Raises:
+        UsageError: there are no points, or a field is of a type that PointCloud2 has no code for.
+    """
+    if points.size == 0:
+        raise UsageError("the cloud has no points; expected at least one: nothing can be published")
+    packed = np.ascontiguousarray(points)
+    height, width = packed.shape
+    step = packed.dtype.itemsize
+    return PointCloud2(
+        header=Header(stamp=stamp, frame_id=frame_id),
+        height=height,
+        width=width,
+        fields=_fields_of(packed.dtype),
+        is_bigendian=False,
+        point_step=step,
+        row_step=width * step,
+        is_dense=_is_dense(packed),
+        data=packed.reshape(-1).view(np.uint8).data,
+    )
+
+
+def _fields_of(dtype: np.dtype[Any]) -> tuple[PointField, ...]:
+    entries: dict[str, Any] = dict(dtype.fields or {})
+    return tuple(_field(name, entry[0], entry[1]) for name, entry in entries.items())
+
+
+def _field(name: str, dtype: np.dtype[Any], offset: int) -> PointField:
+    base, count = dtype.base, int(np.prod(dtype.shape, dtype=np.int64))
+    if base not in _DATATYPES:
+        expected = ", ".join(datatype.name.lower() for datatype in Datatype)
+        raise UsageError(f"field {name} is {base}; PointCloud2 knows {expected}: convert it first")
+    return PointField(name=name, offset=offset, datatype=_DATATYPES[base], count=count)
+
+
+def _is_dense(points: Points) -> bool:
+    return not any(np.isnan(points[axis]).any() for axis in "xyz" if axis in (points.dtype.names or ()))
+
+
+def matrix_of(pose: Pose | Transform) -> NDArray[np.float64]:
+    """T (4, 4) of a pose or a transform."""
+    place = pose.position if isinstance(pose, Pose) else pose.translation
+    turn = pose.orientation if isinstance(pose, Pose) else pose.rotation
+    return transform.from_quaternion([place.x, place.y, place.z], [turn.x, turn.y, turn.z, turn.w])
+
+
+def pose_of(T: NDArray[np.float64]) -> Pose:
+    """The pose of a matrix (4, 4)."""
+    x, y, z = (float(value) for value in T[:3, 3])
+    return Pose(position=Point(x=x, y=y, z=z), orientation=_quaternion(T))
+
+
+def stamped(T_parent_child: NDArray[np.float64], parent: str, child: str, stamp: Time) -> TransformStamped:
+    """A transform message of a matrix (4, 4)."""
+    return TransformStamped(
+        header=Header(stamp=stamp, frame_id=parent),
+        child_frame_id=child,
+        transform=Transform(translation=vector(T_parent_child[:3, 3]), rotation=_quaternion(T_parent_child)),
+    )
+
+
+def vector(values: Sequence[float] | NDArray[np.floating]) -> Vector3:
+    """A vector message of three numbers."""
+    x, y, z = (float(value) for value in values)
+    return Vector3(x=x, y=y, z=z)
+
+
+def _quaternion(T: NDArray[np.float64]) -> Quaternion:
+    x, y, z, w = (float(value) for value in transform.quaternion(T))
+    return Quaternion(x=x, y=y, z=z, w=w)

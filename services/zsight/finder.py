@@ -1,0 +1,252 @@
+"""The finder service: answers find-object goals from the clouds of one camera."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pydantic import Field
+
+from zsight import finding, object_catalogue
+from zsight.action_server import ActionServer, Policy
+from zsight.catalogue_server import serve_catalogue
+from zsight.convert import points_of
+from zsight.errors import UsageError, ZsightError
+from zsight.settings import Settings as ServiceSettings
+from zsight.transforms import TransformBuffer
+from zsight_core import find as find_core
+from zsight_core import scene as scene_core
+from zsight_core.errors import CoreError
+from zsight_protocol.find_object import Capture, FindObjectGoal, FindObjectResult, ResultCode, Status
+from zsight_protocol.geometry import TransformList
+from zsight_protocol.message import Header, Time
+from zsight_protocol.point_cloud import PointCloud2
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from zsight.action_server import GoalHandle
+    from zsight.bus import Bus, Reader
+    from zsight.object_catalogue import Catalogue
+
+__all__ = ["FindObject", "Settings", "run"]
+
+log = logging.getLogger(__name__)
+
+_WAIT_STEP = 0.02  # seconds between two looks at the goal's deadline while it waits for a cloud
+
+
+class Settings(ServiceSettings):
+    """Settings of the finder service."""
+
+    name: str = Field("finder", description="name of the finder in the keys")
+    camera: str = Field("kinect", description="camera whose clouds are searched")
+    catalogue: str = Field("", description="folder of further object types (YAML files)")
+    parallel: int = Field(1, ge=1, le=64, description="goals at work at once (1 to 64)")
+    queue: int = Field(16, ge=0, le=10000, description="goals that may wait; more are refused as busy (0 to 10000)")
+    oldest: float = Field(
+        2.0, gt=0, le=3600, description="greatest age of a cloud that is searched, seconds (above 0, up to 3600)"
+    )
+
+
+def run(bus: Bus, settings: Settings) -> None:
+    """Answer goals until told to stop."""
+    find_core.warm_up()
+    scene_core.warm_up()
+    folders = [object_catalogue.shipped_folder(), *([Path(settings.catalogue)] if settings.catalogue else [])]
+    catalogue = object_catalogue.load(*folders)
+    catalogue.models()
+    work = FindObject(bus, settings, catalogue)
+    server = ActionServer(bus, settings.name, FindObjectGoal, work, Policy(settings.parallel, settings.queue))
+    catalogue_server = serve_catalogue(bus, catalogue, Path(settings.catalogue) if settings.catalogue else None)
+    bus.ready()
+    work.read()
+    catalogue_server.close()
+    server.close()
+
+
+class FindObject:
+    """The find-object action on the newest cloud."""
+
+    def __init__(self, bus: Bus, settings: Settings, catalogue: Catalogue) -> None:
+        """Args: bus; settings; catalogue of the types that are known."""
+        self._settings = settings
+        self._catalogue = catalogue
+        self._stopping = bus.stopping
+        self._buffer = TransformBuffer()
+        self._clouds = bus.reader(bus.cell.points(settings.camera), PointCloud2)
+        self._static = bus.reader(bus.cell.tf_static, TransformList)
+        self._moving = bus.reader(bus.cell.tf, TransformList)
+        self._newest: tuple[PointCloud2, float] | None = None
+        self._came = threading.Condition()
+        self._scenes: dict[tuple[int, float | None], scene_core.Scene] = {}
+        self._scene_lock = threading.Lock()
+
+    def read(self) -> None:
+        """Keep the newest cloud and all transforms until the bus stops."""
+        threads = [
+            threading.Thread(target=self._read_transforms, args=(reader,), daemon=True)
+            for reader in (self._static, self._moving)
+        ]
+        for thread in threads:
+            thread.start()
+        for cloud in self._clouds:
+            with self._came:
+                self._newest = (cloud, time.monotonic())
+                self._came.notify_all()
+        for thread in threads:
+            thread.join()
+
+    def _read_transforms(self, reader: Reader[TransformList]) -> None:
+        for transforms in reader:
+            self._buffer.put(transforms)
+
+    # The action.
+
+    def refuse(self, goal: FindObjectGoal) -> FindObjectResult | None:
+        """An unknown type is refused with the nearest names."""
+        try:
+            self._catalogue.resolve(goal.object_type)
+        except UsageError as error:
+            return self._no_answer(ResultCode.CODE_NOT_RECOGNISED, str(error))
+        if goal.camera not in ("", self._settings.camera):
+            wrong = f"this finder reads camera {self._settings.camera}, not {goal.camera}"
+            return self._no_answer(ResultCode.CODE_NOT_RECOGNISED, wrong)
+        return None
+
+    def busy(self, goal: FindObjectGoal) -> FindObjectResult:
+        """No room."""
+        del goal
+        limits = f"{self._settings.parallel} at work and {self._settings.queue} waiting"
+        return self._no_answer(ResultCode.BUSY, f"the finder is busy: {limits}; ask again later")
+
+    def stopped(self, handle: GoalHandle[FindObjectGoal, FindObjectResult]) -> FindObjectResult:
+        """Cancelled, or too late."""
+        if handle.deadline_passed:
+            words = f"deadline of {handle.goal.timeout:g} s passed at stage {handle.stage}"
+            return self._no_answer(ResultCode.NOT_FOUND, words, deadline_passed=True)
+        return self._no_answer(ResultCode.CANCELLED, f"cancelled at stage {handle.stage}")
+
+    def failed(self, goal: FindObjectGoal, error: Exception) -> FindObjectResult:
+        """Something in the cloud or the goal that no search is possible with."""
+        del goal
+        words = str(error) if isinstance(error, ZsightError | CoreError) else f"{type(error).__name__}: {error}"
+        return self._no_answer(ResultCode.NOT_FOUND, words)
+
+    def execute(self, handle: GoalHandle[FindObjectGoal, FindObjectResult]) -> FindObjectResult:
+        """Wait for a cloud, understand its scene, look for the object."""
+        goal = handle.goal
+        started = time.monotonic()
+        cloud = self._cloud_for(handle)
+        if cloud is None:
+            return self._no_cloud(handle)
+        waited = time.monotonic() - started
+        frame, T_frame_camera = self._frame_for(goal, cloud)
+        kind = self._catalogue.resolve(goal.object_type)
+        scene = self._scene_of(cloud, goal.known_height, handle)
+        answer = finding.find(
+            points_of(cloud),
+            self._catalogue,
+            kind.name,
+            scene=scene,
+            T_frame_camera=T_frame_camera,
+            region=goal.region,
+            maximum=goal.maximum,
+            checkpoint=handle.checkpoint,
+        )
+        result = finding.result_of(
+            answer,
+            self._catalogue,
+            scene=scene,
+            T_frame_camera=T_frame_camera,
+            stamp=cloud.header.stamp,
+            frame_id=frame,
+            finder=self._settings.name,
+        )
+        extra = {
+            "wait_for_cloud": waited * 1e3,
+            "age_of_cloud": (Time.now().ns - cloud.header.stamp.ns) / 1e6,
+            "in_finder": (time.monotonic() - handle.started) * 1e3,
+        }
+        about = {
+            "camera": self._settings.camera,
+            "cloud_frame": cloud.header.frame_id,
+            "points": cloud.width * cloud.height,
+        }
+        return result.model_copy(
+            update={"timings_ms": {**result.timings_ms, **extra}, "report": {**result.report, **about}}
+        )
+
+    def _cloud_for(self, handle: GoalHandle[FindObjectGoal, FindObjectResult]) -> PointCloud2 | None:
+        """The cloud that the goal asks for; none where the camera is late."""
+        patience = time.monotonic() + min(self._settings.oldest, handle.seconds_left() * 0.9)
+        asked = handle.accepted.ns
+        handle.checkpoint("cloud", 0.0)
+        with self._came:
+            while True:
+                newest = self._newest
+                if newest is not None and self._suits(newest, handle.goal, asked):
+                    return newest[0]
+                if time.monotonic() >= patience:
+                    return None
+                self._came.wait(_WAIT_STEP)
+                handle.checkpoint("cloud", 0.0)
+
+    def _suits(self, newest: tuple[PointCloud2, float], goal: FindObjectGoal, asked_ns: int) -> bool:
+        cloud, came = newest
+        if goal.capture is Capture.NEW:
+            return cloud.header.stamp.ns >= asked_ns
+        return time.monotonic() - came <= self._settings.oldest
+
+    def _no_cloud(self, handle: GoalHandle[FindObjectGoal, FindObjectResult]) -> FindObjectResult:
+        key = self._clouds.counter.key
+        if self._newest is None:
+            words = f"no cloud has come on {key}: is the camera running? See: zsight node list"
+        else:
+            age = time.monotonic() - self._newest[1]
+            words = f"the newest cloud on {key} came {age:.1f} s ago: has the camera stopped? See: zsight node list"
+        log.warning("goal %s: %s", handle.goal_id, words)
+        return self._no_answer(ResultCode.NOT_FOUND, words)
+
+    def _frame_for(self, goal: FindObjectGoal, cloud: PointCloud2) -> tuple[str, NDArray[np.float64]]:
+        """The frame of the answer, and where the camera is in it: the goal's, else the root above the camera."""
+        camera = cloud.header.frame_id
+        frame = goal.frame_id or self._buffer.root_of(camera)
+        return frame, self._buffer.lookup(frame, camera)
+
+    def _scene_of(
+        self,
+        cloud: PointCloud2,
+        known_height: float | None,
+        handle: GoalHandle[FindObjectGoal, FindObjectResult],
+    ) -> scene_core.Scene:
+        """The scene stage of a cloud, made once and shared by all goals on it."""
+        key = (cloud.header.stamp.ns, known_height)
+        gravity = self._gravity(cloud)
+        with self._scene_lock:
+            if key not in self._scenes:
+                made = scene_core.understand(
+                    points_of(cloud), T_world_camera=gravity, known_height=known_height, checkpoint=handle.checkpoint
+                )
+                self._scenes = {key: made}
+            return self._scenes[key]
+
+    def _gravity(self, cloud: PointCloud2) -> NDArray[np.float64] | None:
+        """Where the camera is in the world, if the world is known: its z is up."""
+        camera = cloud.header.frame_id
+        root = self._buffer.root_of(camera)
+        return None if root == camera else self._buffer.lookup(root, camera)
+
+    def _no_answer(self, code: ResultCode, message: str, *, deadline_passed: bool = False) -> FindObjectResult:
+        return FindObjectResult(
+            header=Header(stamp=Time.now()),
+            code=code,
+            status=Status.CANNOT_TELL,
+            message=message,
+            finder=self._settings.name,
+            deadline_passed=deadline_passed,
+        )

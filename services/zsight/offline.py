@@ -1,0 +1,97 @@
+"""Finding in a file, in this process and without a network."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from zsight import cloud_input, finding, object_catalogue
+from zsight.errors import DeadlinePassed
+from zsight.sources import pose_matrix
+from zsight_core import scene as scene_core
+from zsight_core.errors import Cancelled
+from zsight_protocol.message import Time
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from zsight_protocol.find_object import FindObjectResult
+    from zsight_protocol.geometry import Region
+
+__all__ = ["find_in_file"]
+
+
+def find_in_file(
+    path: Path,
+    object_type: str,
+    *,
+    intrinsics: Path | None = None,
+    pose: str = "",
+    catalogue: Path | None = None,
+    known_height: float | None = None,
+    region: Region | None = None,
+    maximum: int = 1,
+    timeout: float = 10.0,
+    picture: Path | None = None,
+) -> FindObjectResult:
+    """What a finder would answer on the cloud in a file.
+
+    Args:
+        path: the cloud, see zsight.cloud_input.
+        object_type: catalogue name, or the book's number as text.
+        intrinsics: camera file of an image pair.
+        pose: "x y z qx qy qz qw" of the camera in the world; empty: the answer is in the camera's frame, and the
+            support surface is found without knowing which way is up.
+        catalogue: folder of further object types.
+        known_height: height of the support surface in the world, metres; needs a pose.
+        region: only what lies inside, in the frame of the answer.
+        maximum: most objects; 0 for all.
+        timeout: seconds for the search, without reading the file.
+        picture: PNG file to draw the answer into.
+
+    Raises:
+        UsageError: the type or the pose makes no sense.
+        CoreError: the cloud cannot be read or searched.
+        DeadlinePassed: the time was over first.
+    """
+    folders = [object_catalogue.shipped_folder(), *([catalogue] if catalogue is not None else [])]
+    types = object_catalogue.load(*folders)
+    name = types.resolve(object_type).name
+    T_world_camera = pose_matrix(pose) if pose else None
+    T_frame_camera = np.eye(4) if T_world_camera is None else T_world_camera
+    frame = "camera" if T_world_camera is None else "world"
+    points = cloud_input.read(path, intrinsics).points
+    deadline = time.monotonic() + timeout
+
+    def checkpoint(stage: str, fraction: float) -> None:
+        del fraction
+        if time.monotonic() > deadline:
+            raise Cancelled(stage)
+
+    try:
+        scene = scene_core.understand(
+            points, T_world_camera=T_world_camera, known_height=known_height, checkpoint=checkpoint
+        )
+        answer = finding.find(
+            points,
+            types,
+            name,
+            scene=scene,
+            T_frame_camera=T_frame_camera,
+            region=region,
+            maximum=maximum,
+            checkpoint=checkpoint,
+        )
+    except Cancelled as stopped:
+        raise DeadlinePassed(f"no answer within {timeout:g} s: stopped at stage {stopped}") from None
+    stamp = Time.from_ns(path.stat().st_mtime_ns)
+    result = finding.result_of(
+        answer, types, scene=scene, T_frame_camera=T_frame_camera, stamp=stamp, frame_id=frame, finder="in-process"
+    )
+    if picture is not None:
+        from zsight.pictures import draw_answer
+
+        draw_answer(picture, points, result, types, T_frame_camera)
+    return result

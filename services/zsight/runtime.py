@@ -1,0 +1,204 @@
+"""What every process has in common: logging, the session, the liveliness token, the health beat, signals, exit code."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import os
+import signal
+import socket
+import sys
+import threading
+import time
+from importlib import metadata
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from zsight import shared_memory
+from zsight.bus import Bus
+from zsight.bus.zenoh_link import open_link, open_router
+from zsight.errors import ConnectionLost, ZsightError
+from zsight_core.errors import CoreError
+from zsight_protocol.channels import Cell
+from zsight_protocol.codec import encode
+from zsight_protocol.errors import ProtocolError
+from zsight_protocol.health import Health, Level
+from zsight_protocol.message import Header, Time
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from zsight.bus import RawRequest
+    from zsight.network import Network
+    from zsight.services import Service
+    from zsight.settings import Settings
+
+__all__ = ["SUPERVISED", "host_name", "join", "run_service", "start_logging", "version"]
+
+log = logging.getLogger("zsight")
+
+SUPERVISED = "ZSIGHT_SUPERVISED"
+"""Environment variable that tells a process to end when its standard input does: it never outlives its supervisor."""
+
+_BEAT = 1.0  # seconds between health beats
+_RETRY = 0.1  # seconds between attempts to reach the router
+
+
+def version() -> str:
+    """Version of this distribution."""
+    return metadata.version("zsight")
+
+
+def host_name() -> str:
+    """This host's name as it stands in keys."""
+    name = os.environ.get("ZSIGHT_HOST") or socket.gethostname()
+    return "".join(c if c.isalnum() or c in "-_." else "-" for c in name.lower()).strip(".-") or "host"
+
+
+def start_logging(process: str) -> None:
+    """One line an event on stderr: time, severity, process, words."""
+    level = os.environ.get("ZSIGHT_LOG", "INFO").upper()
+    logging.basicConfig(
+        level=level if level in logging.getLevelNamesMapping() else "INFO",
+        format=f"%(asctime)s %(levelname)-7s {process}: %(message)s",
+        stream=sys.stderr,
+        force=True,
+    )
+    for talkative in ("numba", "asyncio", "zenoh"):
+        logging.getLogger(talkative).setLevel("WARNING")
+
+
+def join(network: Network, *, wait: float = 0.0, stopping: threading.Event | None = None) -> Bus:
+    """A bus on the network; tries again for wait seconds while no router answers.
+
+    Raises:
+        ConnectionLost: none did.
+    """
+    stop = stopping or threading.Event()
+    deadline = time.monotonic() + wait
+    while True:
+        try:
+            return Bus(open_link(network), Cell(network.namespace))
+        except ConnectionLost:
+            if time.monotonic() >= deadline or stop.wait(_RETRY):
+                raise
+
+
+def run_service(service: Service, settings: Settings, process: str, network: Network) -> int:
+    """Run one service until it is told to stop; the exit code."""
+    start_logging(process)
+    stopping = threading.Event()
+    _stop_on_signals(stopping)
+    loop = service.run()
+    try:
+        if service.name == "router":
+            bus = Bus(open_router(network), Cell(network.namespace))
+        else:
+            bus = join(network, wait=30.0, stopping=stopping)
+    except ConnectionLost as error:
+        if stopping.is_set():
+            return 0
+        log.error("%s", error)
+        return error.exit_code
+    with bus, _beating(bus, service, process):
+        threading.Thread(target=_stop_bus, args=(stopping, bus), name="stop", daemon=True).start()
+        try:
+            loop(bus, settings)
+        except (ZsightError, CoreError, ProtocolError) as error:
+            log.error("%s", error)
+            return getattr(error, "exit_code", 2)
+        finally:
+            stopping.set()
+    shared_memory.remove_orphans()
+    log.info("stopped")
+    return 0
+
+
+def _stop_on_signals(stopping: threading.Event) -> None:
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stopping.set())
+    if os.environ.get(SUPERVISED):
+        threading.Thread(target=_stop_with_input, args=(stopping,), name="supervised", daemon=True).start()
+
+
+def _stop_with_input(stopping: threading.Event) -> None:
+    with contextlib.suppress(OSError, ValueError):
+        while os.read(0, 64):
+            pass
+    stopping.set()
+
+
+def _stop_bus(stopping: threading.Event, bus: Bus) -> None:
+    stopping.wait()
+    bus.stop()
+
+
+@contextlib.contextmanager
+def _beating(bus: Bus, service: Service, process: str) -> Iterator[None]:
+    """Health beats while the service runs, and its liveliness token from the moment it is ready."""
+    host = host_name()
+    errors = _ErrorCounter()
+    logging.getLogger().addHandler(errors)
+    key = bus.cell.alive(host, process)
+    bus.on_ready = lambda: bus.link.declare_alive(key)
+    writer = bus.writer(bus.cell.health(host, process), Health)
+    started = Time.now()
+
+    def health() -> Health:
+        return Health(
+            header=Header(stamp=Time.now()),
+            host=host,
+            process=process,
+            service=service.name,
+            pid=os.getpid(),
+            version=version(),
+            started=started,
+            level=Level.WARN if errors.count else Level.OK,
+            last_error=errors.last,
+            errors=errors.count,
+            memory_bytes=_resident_bytes(),
+            writers=tuple(counter.health() for counter in bus.writers),
+            readers=tuple(counter.health() for counter in bus.readers),
+        )
+
+    def asked(request: RawRequest) -> None:
+        request.reply(encode(health()))
+        request.close()
+
+    def beat() -> None:
+        while not bus.stopping.wait(_BEAT):
+            with contextlib.suppress(ConnectionLost):
+                writer.send(health())
+
+    bus.serve(bus.cell.health(host, process), asked)
+
+    thread = threading.Thread(target=beat, name="health", daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        bus.stop()
+        thread.join()
+        logging.getLogger().removeHandler(errors)
+
+
+class _ErrorCounter(logging.Handler):
+    """Keeps the last warning or error, and how many there were."""
+
+    def __init__(self) -> None:
+        super().__init__(logging.WARNING)
+        self.count = 0
+        self.last = ""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self.count += 1
+        self.last = record.getMessage()[:500]
+
+
+def _resident_bytes() -> int:
+    """Memory of this process that is in use now; 0 where the system does not say."""
+    try:
+        pages = Path("/proc/self/statm").read_text(encoding="ascii").split()[1]
+        return int(pages) * os.sysconf("SC_PAGE_SIZE")
+    except (OSError, ValueError, IndexError):
+        return 0

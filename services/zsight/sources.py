@@ -1,0 +1,175 @@
+"""Where a camera service gets its clouds: a simulated scene, the book's ellipse, files, RGB-D images."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from zsight import object_catalogue, scene_file
+from zsight.convert import stamped
+from zsight.errors import UsageError
+from zsight_core import cloud_file, depth_camera, rgbd, transform
+from zsight_core.errors import CoreError
+from zsight_core.points import is_organised
+from zsight_protocol.camera_info import CameraInfo
+from zsight_protocol.geometry import TransformList
+from zsight_protocol.message import Header, Time
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from zsight_core.pinhole import Pinhole
+    from zsight_core.points import Points
+
+__all__ = ["Source", "camera_info", "open_source", "pose_matrix"]
+
+_CLOUDS = (".pcd", ".ply")
+_LARGEST_RESIDUAL = 0.5  # pixels; a cloud that fits a pinhole worse was not measured by one
+
+
+@dataclass(frozen=True)
+class Source:
+    """A stream of clouds and what is known of the camera that measures it.
+
+    ``clouds`` starts the stream: an iterator that ends with the last cloud, or never.
+    """
+
+    frame_id: str
+    rate: float
+    clouds: Callable[[], Iterator[Points]]
+    transforms: TransformList | None = None
+    camera_info: CameraInfo | None = None
+
+
+def open_source(
+    name: str, *, frame: str, pose: str = "", world_frame: str = "world", seed: int | None = None
+) -> Source:
+    """The source with this name.
+
+    Args:
+        name: ``ellipse``; a scene's name or .yaml file; a .pcd or .ply file; a folder of such files, or of RGB-D pairs.
+        frame: frame of clouds from files.
+        pose: "x y z qx qy qz qw" of that frame in the world, where it is known.
+        world_frame: name of the world's frame for such a pose.
+        seed: of a scene's noise, in place of the one in its file.
+
+    Raises:
+        UsageError: there is no such source.
+    """
+    path = Path(name).expanduser()
+    if name == "ellipse":
+        return Source(frame, 1.0, _ellipses, _pose(pose, frame, world_frame))
+    if path.is_dir():
+        return _folder(path, frame, _pose(pose, frame, world_frame))
+    if path.suffix.lower() in _CLOUDS:
+        return _files([path], frame, _pose(pose, frame, world_frame))
+    return _scene(name, seed)
+
+
+def _pose(pose: str, frame: str, world_frame: str) -> TransformList | None:
+    if not pose:
+        return None
+    return TransformList(transforms=(stamped(pose_matrix(pose), world_frame, frame, Time.now()),))
+
+
+def pose_matrix(text: str) -> NDArray[np.float64]:
+    """T (4, 4) of "x y z qx qy qz qw".
+
+    Raises:
+        UsageError: the text is not that.
+    """
+    try:
+        numbers = [float(part) for part in text.replace(",", " ").split()]
+        if len(numbers) != 7:
+            raise ValueError(f"{len(numbers)} numbers")
+        return transform.from_quaternion(numbers[:3], numbers[3:])
+    except (ValueError, CoreError) as error:
+        raise UsageError(f"the pose is {text!r} ({error}); expected seven numbers: x y z qx qy qz qw") from None
+
+
+def _ellipses() -> Iterator[Points]:
+    from zsight_core.ellipse import ellipse
+
+    while True:
+        yield ellipse()
+
+
+def _scene(name: str, seed: int | None) -> Source:
+    file = scene_file.read(scene_file.find_scene(name))
+    scene = scene_file.build(file, object_catalogue.load(object_catalogue.shipped_folder()))
+    stamp = Time.now()
+    chain = tuple(stamped(step.T_parent_child, step.parent, step.frame, stamp) for step in file.camera.chain)
+    info = camera_info(scene.camera.pinhole, file.camera.frame)
+    first = file.noise.seed if seed is None else seed
+    return Source(
+        file.camera.frame, file.camera.rate, lambda: _captures(scene, first), TransformList(transforms=chain), info
+    )
+
+
+def _captures(scene: scene_file.Scene, seed: int) -> Iterator[Points]:
+    """The scene stands still: it is rendered once, and every cloud has noise of its own."""
+    from zsight_core.simulation.camera import expose
+    from zsight_core.simulation.raycast import render
+
+    view = render(scene.world, scene.camera)
+    points = expose(view, scene.camera.pinhole, scene.noise, seed)
+    while True:
+        yield points
+        if scene.noise is not None:
+            seed += 1
+            points = expose(view, scene.camera.pinhole, scene.noise, seed)
+
+
+def _folder(folder: Path, frame: str, transforms: TransformList | None) -> Source:
+    files = cloud_file.list_clouds(folder)
+    if files:
+        return _files(files, frame, transforms)
+    pairs = rgbd.list_pairs(folder)
+    if not pairs:
+        expected = "expected .pcd or .ply files, or pairs NAME-color.png and NAME-depth.png"
+        raise UsageError(f"folder {folder} holds nothing to publish; {expected}")
+    camera = depth_camera.find(folder)
+    if camera is None:
+        raise UsageError(f"folder {folder} has image pairs but no camera.toml or camera.json with their intrinsics")
+    info = camera_info(camera.pinhole, frame)
+    return Source(frame, 1.0, lambda: (rgbd.read(pair.colour, pair.depth, camera) for pair in pairs), transforms, info)
+
+
+def _files(files: list[Path], frame: str, transforms: TransformList | None) -> Source:
+    if not files[0].is_file():
+        raise UsageError(f"file {files[0]} does not exist")
+    first = cloud_file.read(files[0]).points
+    return Source(
+        frame, 1.0, lambda: (cloud_file.read(file).points for file in files), transforms, _fitted_info(first, frame)
+    )
+
+
+def _fitted_info(points: Points, frame: str) -> CameraInfo | None:
+    """Intrinsics behind an organised cloud, where it fits a pinhole."""
+    from zsight_core import pinhole
+
+    if not is_organised(points):
+        return None
+    try:
+        fit = pinhole.fit(points)
+    except CoreError:
+        return None
+    return camera_info(fit.pinhole, frame) if fit.residual <= _LARGEST_RESIDUAL else None
+
+
+def camera_info(pinhole: Pinhole, frame: str) -> CameraInfo:
+    """The message of a pinhole camera without distortion."""
+    fx, fy, cx, cy = pinhole.fx, pinhole.fy, pinhole.cx, pinhole.cy
+    return CameraInfo(
+        header=Header(stamp=Time.now(), frame_id=frame),
+        height=pinhole.height,
+        width=pinhole.width,
+        d=(0.0, 0.0, 0.0, 0.0, 0.0),
+        k=(fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0),
+        r=(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0),
+        p=(fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0),
+    )
