@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from zsight_core.scene import Scene
+    from zsight_core.wholes import Cells
 
 __all__ = ["Clues", "Hypothesis", "Piece", "clues_of"]
 
@@ -93,45 +94,21 @@ class Clues:
 
 def clues_of(scene: Scene) -> Clues:
     """Collect the pieces of a scene."""
-    patches, view = scene.patches, scene.view
-    rows, columns = np.nonzero(patches.label >= 0)
-    label = patches.label[rows, columns]
-    v, u = rows * patches.step, columns * patches.step
-    z = view.depth[v, u].astype(np.float64)
-    optical = np.stack([(u - view.cx) / view.fx * z, (v - view.cy) / view.fy * z, z], axis=1)
-    normal = patches.normal[rows, columns].astype(np.float64)
-    over = scene.over[v, u]
-    frames = [inverse(inverse(view.T_cloud_optical) @ s.T_camera_support) for s in scene.supports]
-    points = np.empty_like(optical)
-    normals = np.empty_like(normal)
-    for s, T in enumerate(frames):
-        on = over == s
-        points[on] = optical[on] @ T[:3, :3].T + T[:3, 3]
-        normals[on] = normal[on] @ T[:3, :3].T
-    segment = scene.owner[label] if len(label) else label
-    pieces = _split(label, points, normals, segment, over)
-    segments = [piece for piece in _split(segment, points, normals, segment, over) if piece.segment >= 2]
+    cells = scene.cells
+    frames = [inverse(inverse(scene.view.T_cloud_optical) @ s.T_camera_support) for s in scene.supports]
+    pieces: list[Piece] = []
+    grouped: dict[int, list[NDArray[np.int64]]] = {}
+    for k in range(len(cells.start) - 1):
+        members = np.arange(cells.start[k], cells.start[k + 1])
+        segment = int(scene.owner[k])
+        pieces.append(_piece(cells, members, segment))
+        grouped.setdefault(segment, []).append(members)
+    segments = [_piece(cells, np.concatenate(m), segment) for segment, m in sorted(grouped.items()) if segment >= 2]
     return Clues(pieces, segments, [T[:3, 3] for T in frames])
 
 
-def _split(
-    key: NDArray[np.int32],
-    points: NDArray[np.float64],
-    normals: NDArray[np.float64],
-    segment: NDArray[np.int32],
-    over: NDArray[np.int8],
-) -> list[Piece]:
-    """One piece a key."""
-    order = np.argsort(key, kind="stable")
-    cuts = np.flatnonzero(np.diff(key[order])) + 1
-    pieces = []
-    for members in np.split(order, cuts):
-        if len(members) == 0 or over[members[0]] < 0:
-            continue
-        mean = normals[members].sum(axis=0)
-        mean /= max(float(np.linalg.norm(mean)), 1e-9)
-        height = float(np.median(points[members, 2]))
-        pieces.append(
-            Piece(points[members], normals[members], mean, int(segment[members[0]]), int(over[members[0]]), height)
-        )
-    return pieces
+def _piece(cells: Cells, members: NDArray[np.int64], segment: int) -> Piece:
+    points, normals = cells.points[members], cells.normals[members]
+    mean = normals.sum(axis=0)
+    mean /= max(float(np.linalg.norm(mean)), 1e-9)
+    return Piece(points, normals, mean, segment, int(cells.support[members[0]]), float(np.median(points[:, 2])))

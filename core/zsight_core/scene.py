@@ -16,7 +16,10 @@ from numba import njit
 from zsight_core import segments as seg
 from zsight_core import support as sup
 from zsight_core import view as vw
+from zsight_core import wholes
 from zsight_core.transform import inverse
+from zsight_core.wholes import Cells, join_parts
+from zsight_core.words import words_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -98,6 +101,8 @@ class Scene:
     """Smooth pieces of the objects."""
     owner: NDArray[np.int32]
     """(K,) label of each patch, 0 where it is of no object."""
+    cells: Cells
+    """Where those pieces are, in the support's frame."""
     T_world_camera: NDArray[np.float64] | None
 
 
@@ -142,14 +147,18 @@ def understand(
     patches = seg.grow_patches(view, kind, noise)
     clock.stamp("patches")
     checkpoint("segments", 0.8)
-    owner = seg.join_patches(view, patches, noise) + 2
+    owner = seg.join_patches(view, patches, noise)
     clock.stamp("join")
+    cells = _cells_of(view, supports, patches, over)
+    depth = view.depth[:: patches.step, :: patches.step]
+    owner = join_parts(cells, patches, depth, owner, _colours_of(points, view, patches)) + 2
+    clock.stamp("wholes")
     pixel_labels = _paint(view.depth, kind, patches.label, owner, patches.step, noise)
-    pixel_labels, owner, found = _measure(view, supports, over, pixel_labels, owner)
+    pixel_labels, owner, found = _measure(view, supports, over, pixel_labels, owner, noise)
     labels = _of_points(points, view, pixel_labels)
     clock.stamp("segments")
     return Scene(
-        supports, labels, found, timings, view, noise, kind, over, pixel_labels, patches, owner, T_world_camera
+        supports, labels, found, timings, view, noise, kind, over, pixel_labels, patches, owner, cells, T_world_camera
     )
 
 
@@ -161,10 +170,39 @@ def warm_up() -> None:
     depth = np.ones((16, 16), np.float32)
     planes, frames = np.zeros((1, 4)), np.zeros((1, 4, 4))
     grids, corners = np.ones((1, 2, 2), np.bool_), np.zeros((1, 2))
-    kind, _ = _classify(depth, 8.0, 8.0, 8.0, 8.0, planes, frames, grids, corners, 1e-3)
+    kind, _ = _classify(depth, 8.0, 8.0, 8.0, 8.0, planes, frames, grids, corners, np.zeros((1, 16, 2)), 1e-3)
     labels = _paint(depth, kind, np.zeros((8, 8), np.int32), np.zeros(1, np.int32), 2, 1e-3)
-    _extents(depth, 8.0, 8.0, 8.0, 8.0, labels, np.zeros((16, 16), np.int8), frames, 3)
+    over = np.zeros((16, 16), np.int8)
+    normal = np.zeros((8, 8, 3), np.float32)
+    _collect(depth, 8.0, 8.0, 8.0, 8.0, np.zeros((8, 8), np.int32), normal, 2, over, frames, np.array([0, 64]))
+    _mean_colours(np.zeros(1024, np.uint32), 4, 3, np.zeros((8, 8), np.int32), 2, np.array([64]), 16)
+    wholes.warm_up()
+    _extents(depth, 8.0, 8.0, 8.0, 8.0, labels, over, frames, 3)
+    _renumber(labels, np.zeros(3, np.int32))
     _grid_of(np.zeros((3, 2)), 0.0, 0.0, 2, 2, 0.02, 0.0)
+
+
+def _cells_of(view: View, supports: list[Support], patches: Patches, over: NDArray[np.int8]) -> Cells:
+    """The patches' cells in the frame of their support."""
+    T_optical_cloud = inverse(view.T_cloud_optical)
+    frames = np.array([inverse(T_optical_cloud @ s.T_camera_support) for s in supports]).reshape(-1, 4, 4)
+    start = np.concatenate([[0], np.cumsum(patches.count)])
+    return Cells(
+        *_collect(view.depth, *view.pinhole, patches.label, patches.normal, patches.step, over, frames, start), start
+    )
+
+
+def _colours_of(points: Points, view: View, patches: Patches) -> NDArray[np.float64] | None:
+    """Mean red, green and blue (K, 3) of each patch, where the cloud is a coloured image."""
+    if view.pixel is not None:
+        return None
+    words = words_of(points)
+    if words.colour < 0:
+        return None
+    bits = words.words.view(np.uint32)
+    return _mean_colours(
+        bits, words.layout[0], words.colour, patches.label, patches.step, patches.count, points.shape[1]
+    )
 
 
 class _Clock:
@@ -222,10 +260,32 @@ def _kinds(view: View, supports: list[Support], noise: float) -> tuple[NDArray[n
     stacked = np.zeros((len(order), rows, columns), np.bool_)
     for i, grid in enumerate(grids):
         stacked[i, : grid.shape[0], : grid.shape[1]] = grid
-    kind, over = _classify(view.depth, *view.pinhole, planes, frames, stacked, lows, noise)
+    spans = np.array([_spans(view, inverse(frames[i]), supports[k].outline) for i, k in enumerate(order)])
+    spans = spans.reshape(-1, view.depth.shape[0], 2)
+    kind, over = _classify(view.depth, *view.pinhole, planes, frames, stacked, lows, spans, noise)
     if order and order != sorted(order):
         over = np.array([*order, -1], np.int8)[over]
     return kind, over
+
+
+def _spans(view: View, T_optical_support: NDArray[np.float64], outline: NDArray[np.float64]) -> NDArray[np.float64]:
+    """First and last column (H, 2) of each image row within a surface's outline and its margin."""
+    out = outline - outline.mean(axis=0)
+    wider = outline + MARGIN * out / np.maximum(np.linalg.norm(out, axis=1, keepdims=True), 1e-9)
+    corners = wider @ T_optical_support[:3, :2].T + T_optical_support[:3, 3]
+    corners[:, 2] = np.maximum(corners[:, 2], 0.05)
+    u, v = corners[:, 0] / corners[:, 2] * view.fx + view.cx, corners[:, 1] / corners[:, 2] * view.fy + view.cy
+    rows = np.arange(view.depth.shape[0], dtype=np.float64)
+    spans = np.stack([np.full(len(rows), np.inf), np.full(len(rows), -np.inf)], axis=1)
+    for k in range(len(u)):
+        j = (k + 1) % len(u)
+        if abs(v[j] - v[k]) < 1e-9:
+            continue
+        t = (rows - v[k]) / (v[j] - v[k])
+        at = np.where((t >= 0) & (t <= 1), u[k] + t * (u[j] - u[k]), np.nan)
+        spans[:, 0] = np.fmin(spans[:, 0], at)
+        spans[:, 1] = np.fmax(spans[:, 1], at)
+    return spans
 
 
 def _rank(support: Support, supports: list[Support]) -> float:
@@ -240,6 +300,7 @@ def _measure(
     over: NDArray[np.int8],
     labels: NDArray[np.int32],
     owner: NDArray[np.int32],
+    noise: float,
 ) -> tuple[NDArray[np.int32], NDArray[np.int32], list[Segment]]:
     """Segments with their boxes; those that are noise or furniture lose their label, the others are renumbered."""
     count = int(owner.max()) + 1 if owner.size else 2
@@ -258,17 +319,27 @@ def _measure(
             rows[k, 7:10],
             rows[k, 4:7] - rows[k, 1:4],
         )
+        base = int(rows[k, 10])
         if pixels < least or size.max() > LARGEST_SEGMENT:
             continue
-        base = int(rows[k, 10])
+        if pixels < 10 * least and rows[k, 6] < 2.2 * _tolerance(view, supports[base], low + size / 2, noise):
+            renumber[k] = 1  # a ripple of the surface
+            continue
         label = len(found) + 2
         renumber[k] = label
         T = supports[base].T_camera_support.copy()
         T[:3, 3] = (T @ np.append((low + high) / 2, 1.0))[:3]
         centroid = (supports[base].T_camera_support @ np.append(centre, 1.0))[:3]
         found.append(Segment(label, int(pixels), centroid, size, T, base, float(low[2]), float(high[2])))
-    table = np.concatenate([renumber, [-1]]).astype(np.int32)  # label -1 takes the last entry
-    return table[labels], renumber[owner] if owner.size else owner, found
+    _renumber(labels, renumber)
+    return labels, renumber[owner] if owner.size else owner, found
+
+
+def _tolerance(view: View, support: Support, place: NDArray[np.float64], noise: float) -> float:
+    """Metres above the support from which a pixel there is of an object."""
+    point = (inverse(view.T_cloud_optical) @ support.T_camera_support @ np.append(place, 1.0))[:3]
+    normal = inverse(view.T_cloud_optical)[:3, :3] @ support.normal
+    return float(LOWEST + 3 * noise * point[2] * abs(normal @ point))
 
 
 def _of_points(points: Points, view: View, pixel_labels: NDArray[np.int32]) -> NDArray[np.int32]:
@@ -309,42 +380,109 @@ def _classify(
     frames: NDArray[np.float64],
     grids: NDArray[np.bool_],
     lows: NDArray[np.float64],
+    spans: NDArray[np.float64],
     noise: float,
 ) -> tuple[NDArray[np.uint8], NDArray[np.int8]]:
     """Kind and support of each pixel; supports come highest first, planes (S, 4) and frames T_support_optical."""
     height, width = depth.shape
-    kind = np.zeros((height, width), np.uint8)
+    kind = np.empty((height, width), np.uint8)
     over = np.full((height, width), -1, np.int8)
+    low, huge, spread = np.float32(LOWEST), np.float32(HIGHEST), np.float32(3 * noise)
     for v in range(height):
         y = (v - cy) / fy
+        line, row = depth[v], kind[v]
         for u in range(width):
-            z = depth[v, u]
-            if not z > 0:
-                continue
-            kind[v, u] = 1
-            x = (u - cx) / fx
-            for s in range(len(planes)):
-                slant = planes[s, 0] * x + planes[s, 1] * y + planes[s, 2]
-                h = slant * z - planes[s, 3]
-                tolerance = LOWEST + 3 * noise * z * z * abs(slant)
-                if h < -tolerance or h > HIGHEST:
+            row[u] = 1 if line[u] > 0 else 0
+        for s in range(len(planes)):
+            T = frames[s]
+            per_u, first = (
+                np.float32(planes[s, 0] / fx),
+                np.float32(planes[s, 1] * y + planes[s, 2] - planes[s, 0] * cx / fx),
+            )
+            d = np.float32(planes[s, 3])
+            left, right = spans[s, v, 0], spans[s, v, 1]
+            for u in range(width):  # no grid here: the compiler does several pixels at a time
+                z = line[u]
+                slant = per_u * np.float32(u) + first
+                h = slant * z - d
+                tolerance = low + spread * z * z * abs(slant)
+                on = (abs(h) <= tolerance) & (u >= left) & (u <= right)
+                above = (h > tolerance) & (h < huge)
+                level = np.uint8(2) if on else (np.uint8(4) if above else np.uint8(1))
+                row[u] = level if row[u] == 1 else row[u]
+            for u in range(width):
+                if row[u] == 2 and over[v, u] < 0:
+                    over[v, u] = s
+                if row[u] != 4:
                     continue
-                T = frames[s]
-                px = (T[0, 0] * x + T[0, 1] * y + T[0, 2]) * z + T[0, 3]
-                py = (T[1, 0] * x + T[1, 1] * y + T[1, 2]) * z + T[1, 3]
-                c, r = int((px - lows[s, 0]) / _GRID_CELL), int((py - lows[s, 1]) / _GRID_CELL)
-                if (
-                    px < lows[s, 0]
-                    or py < lows[s, 1]
-                    or r >= grids.shape[1]
-                    or c >= grids.shape[2]
-                    or not grids[s, r, c]
-                ):
-                    continue
-                kind[v, u] = 3 if h > tolerance else 2
-                over[v, u] = s
-                break
+                z, x = line[u], (u - cx) / fx
+                c = int(((T[0, 0] * x + T[0, 1] * y + T[0, 2]) * z + T[0, 3] - lows[s, 0]) * (1 / _GRID_CELL))
+                r = int(((T[1, 0] * x + T[1, 1] * y + T[1, 2]) * z + T[1, 3] - lows[s, 1]) * (1 / _GRID_CELL))
+                row[u] = 1
+                if 0 <= r < grids.shape[1] and 0 <= c < grids.shape[2] and grids[s, r, c]:
+                    row[u] = 3
+                    over[v, u] = s
     return kind, over
+
+
+@njit(cache=True, nogil=True)
+def _collect(
+    depth: NDArray[np.float32],
+    fx: float,
+    fy: float,
+    cx: float,
+    cy: float,
+    label: NDArray[np.int32],
+    normal: NDArray[np.float32],
+    step: int,
+    over: NDArray[np.int8],
+    frames: NDArray[np.float64],
+    start: NDArray[np.int64],
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64], NDArray[np.float64], NDArray[np.int8]]:
+    """Row, column, point, normal and support of each cell, patch by patch, in the frame of its support."""
+    total = start[-1]
+    row, column = np.empty(total, np.int64), np.empty(total, np.int64)
+    points, normals, support = np.empty((total, 3)), np.empty((total, 3)), np.empty(total, np.int8)
+    place = start.copy()
+    for r in range(label.shape[0]):
+        for c in range(label.shape[1]):
+            k = label[r, c]
+            if k < 0:
+                continue
+            i = place[k]
+            place[k] += 1
+            row[i], column[i], support[i] = r, c, over[r * step, c * step]
+            T = frames[support[i]]
+            z = depth[r * step, c * step]
+            x, y = (c * step - cx) / fx * z, (r * step - cy) / fy * z
+            for a in range(3):
+                points[i, a] = T[a, 0] * x + T[a, 1] * y + T[a, 2] * z + T[a, 3]
+                normals[i, a] = T[a, 0] * normal[r, c, 0] + T[a, 1] * normal[r, c, 1] + T[a, 2] * normal[r, c, 2]
+    return row, column, points, normals, support
+
+
+@njit(cache=True, nogil=True)
+def _mean_colours(
+    bits: NDArray[np.uint32],
+    words: int,
+    at: int,
+    label: NDArray[np.int32],
+    step: int,
+    count: NDArray[np.int64],
+    width: int,
+) -> NDArray[np.float64]:
+    """Mean red, green, blue (K, 3) of the cells of each patch; `words` a point, the packed colour at word `at`."""
+    colour = np.zeros((len(count), 3))
+    for r in range(label.shape[0]):
+        for c in range(label.shape[1]):
+            k = label[r, c]
+            if k >= 0:
+                packed = bits[(r * step * width + c * step) * words + at]
+                for channel in range(3):
+                    colour[k, channel] += (packed >> np.uint32(16 - 8 * channel)) & np.uint32(255)
+    for k in range(len(count)):
+        colour[k] /= max(count[k], 1)
+    return colour
 
 
 @njit(cache=True, nogil=True)
@@ -360,14 +498,17 @@ def _paint(
     height, width = depth.shape
     labels = np.empty((height, width), np.int32)
     for v in range(height):
+        r0 = v // step
         for u in range(width):
-            labels[v, u] = (-1, 0, 1, 0)[kind[v, u]]
+            labels[v, u] = np.int32(kind[v, u]) - 1
+        for u in range(width):
             if kind[v, u] != 3:
                 continue
+            labels[v, u] = 0
+            c0 = u // step
             z = depth[v, u]
             nearest = 0.012 + 4 * noise * z * z
             for reach in range(1, 4):
-                r0, c0 = v // step, u // step
                 for r in range(max(0, r0 - reach + 1), min(cell_label.shape[0], r0 + reach + 1)):
                     for c in range(max(0, c0 - reach + 1), min(cell_label.shape[1], c0 + reach + 1)):
                         if cell_label[r, c] >= 0:
@@ -378,6 +519,15 @@ def _paint(
                 if labels[v, u] != 0:
                     break
     return labels
+
+
+@njit(cache=True, nogil=True)
+def _renumber(labels: NDArray[np.int32], renumber: NDArray[np.int32]) -> None:
+    """Change labels from 2 in place."""
+    for v in range(labels.shape[0]):
+        for u in range(labels.shape[1]):
+            if labels[v, u] >= 2:
+                labels[v, u] = renumber[labels[v, u]]
 
 
 @njit(cache=True, nogil=True)

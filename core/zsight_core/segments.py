@@ -31,10 +31,10 @@ WINDOW = 3
 SAME_PATCH = float(np.cos(np.radians(20.0)))
 """Cosine of the largest angle between a cell's normal and that of the patch it joins."""
 
-CONCAVE = np.radians(28.0)
+CONCAVE = np.radians(40.0)
 """Two patches that meet concavely at more than this angle are parted."""
 
-SMOOTH = np.radians(15.0)
+SMOOTH = np.radians(20.0)
 """Two patches that meet at less than this angle are one, whichever way it bends."""
 
 SMALLEST_PATCH = 6

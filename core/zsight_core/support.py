@@ -109,18 +109,7 @@ def find_supports(
 def outline_of(xy: NDArray[np.float64]) -> NDArray[np.float64]:
     """Convex hull (K, 2), counter-clockwise, of points (N, 2), by monotone chains (Andrew 1979)."""
     points = np.unique(xy, axis=0)
-    if len(points) < 3:
-        return points
-
-    def chain(ordered: NDArray[np.float64]) -> list[NDArray[np.float64]]:
-        hull: list[NDArray[np.float64]] = []
-        for p in ordered:
-            while len(hull) > 1 and _turn(hull[-2], hull[-1], p) <= 0:
-                hull.pop()
-            hull.append(p)
-        return hull[:-1]
-
-    return np.array(chain(points) + chain(points[::-1]))
+    return _hull(points) if len(points) > 2 else points
 
 
 def area_of(outline: NDArray[np.float64]) -> float:
@@ -134,14 +123,11 @@ def warm_up() -> None:
     depth = np.ones((32, 32), np.float32)
     moments, planes = _blocks(depth, 50.0, 50.0, 16.0, 16.0, 8)
     plane = np.array([0.0, 0.0, 1.0])
-    _votes(moments, planes, np.ones((4, 4), np.bool_), plane[np.newaxis], 0.01, 0.5, 50.0 * 50.0)
+    _votes(moments, planes, np.ones((4, 4), np.bool_), plane[np.newaxis], 0.01, 0.5, 50.0 * 50.0, 1)
     _flat_squares(moments, np.ones((4, 4), np.bool_), 0.01)
     _refit(depth, 50.0, 50.0, 16.0, 16.0, plane, 0.1, 1)
+    _hull(np.array([[0.0, 0.0], [0.5, 1.0], [1.0, 0.0]]))
     _gather(depth, 50.0, 50.0, 16.0, 16.0, plane, 0.1, 4)
-
-
-def _turn(a: NDArray[np.float64], b: NDArray[np.float64], c: NDArray[np.float64]) -> float:
-    return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
 
 
 def _noise_of(moments: NDArray[np.float64], planes: NDArray[np.float64]) -> float:
@@ -165,10 +151,10 @@ def _best_plane(
     """The plane that gathers most area of free blocks: the seeds vote, the best is refitted to its blocks."""
     gate = 3 * noise + 0.002
     per_pixel = size * size / (view.fx * view.fy)
-    areas, _ = _votes(moments, planes, free, seeds, gate, LEAST_COSINE, per_pixel)
+    areas, _ = _votes(moments, planes, free, seeds, gate, LEAST_COSINE, per_pixel, 2)
     plane = seeds[int(np.argmax(areas * _plausibility(seeds) if weigh else areas))]
     for _ in range(3):
-        sums, members = _votes(moments, planes, free, plane[np.newaxis], gate, LEAST_COSINE, per_pixel)
+        sums, members = _votes(moments, planes, free, plane[np.newaxis], gate, LEAST_COSINE, per_pixel, 1)
         refitted = _solve(moments[members].sum(axis=0))
         if refitted is None:
             return plane, members, 0.0
@@ -205,10 +191,14 @@ def _choose(
 ) -> list[Support]:
     """Surfaces out of planes: parallel to the first one, large, and not the top of an object on another one."""
     chosen: list[Support] = []
+    found_planes: list[NDArray[np.float64]] = []
     for plane, area in found:
+        if any(_repeats(plane, other) or _is_low_and_small(plane, other, area) for other in found_planes):
+            continue
         support = _support(plane, view, noise, size)
         if support is None or support.area < SMALLEST_AREA:
             continue
+        found_planes.append(plane)
         if known_height is not None:
             centre = inverse(view.T_cloud_optical) @ support.T_camera_support[:, 3]
             if abs(known_height[0] @ centre[:3] - known_height[1]) > KNOWN_WITHIN:
@@ -234,6 +224,18 @@ def _highest_first(supports: list[Support]) -> list[Support]:
     return sorted(supports, key=rank)
 
 
+def _repeats(plane: NDArray[np.float64], other: NDArray[np.float64]) -> bool:
+    """True for what noise and distortion leave over of a plane that was found before."""
+    gap = abs(1 / np.linalg.norm(plane) - 1 / np.linalg.norm(other))
+    return bool(gap < 0.02 and plane @ other > np.cos(np.radians(3.0)) * np.linalg.norm(plane) * np.linalg.norm(other))
+
+
+def _is_low_and_small(plane: NDArray[np.float64], other: NDArray[np.float64], area: float) -> bool:
+    """True for the top of an object, told before the costly fit to pixels."""
+    above = 1 / np.linalg.norm(other) - 1 / np.linalg.norm(plane)
+    return bool(0 < above < FURNITURE_HEIGHT and area < 0.8 * FURNITURE_AREA)
+
+
 def _stands_apart(support: Support, other: Support, area: float) -> bool:
     """True for a surface parallel to the other one and either beside it or far above or below."""
     if support.normal @ other.normal < np.cos(np.radians(5.0)):
@@ -250,7 +252,7 @@ def _within(point: NDArray[np.float64], support: Support) -> bool:
     xy = (inverse(support.T_camera_support) @ np.append(point, 1.0))[:2]
     corners = support.outline
     following = np.roll(corners, -1, axis=0)
-    return bool(all(_turn(a, b, xy) >= 0 for a, b in zip(corners, following, strict=True)))
+    return bool((_cross(following - corners, xy - corners) >= 0).all())
 
 
 def _support(plane: NDArray[np.float64], view: View, noise: float, size: int) -> Support | None:
@@ -275,6 +277,12 @@ def _support(plane: NDArray[np.float64], view: View, noise: float, size: int) ->
     covariance = _covariance(moments, plane, spread, T_optical_support)
     rms = spread * float(np.mean(points[:, 2] ** 2)) * float(np.mean(np.abs(points @ normal / points[:, 2])))
     return Support(T[:3, 2], float(T[:3, 2] @ T[:3, 3]), T, outline, area_of(outline), int(moments[0]), rms, covariance)
+
+
+def _cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Cross products (N,) of vectors (N, 2)."""
+    product: NDArray[np.float64] = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+    return product
 
 
 def _row_ends(points: NDArray[np.float64]) -> NDArray[np.intp]:
@@ -339,6 +347,26 @@ def _residual(moments: NDArray[np.float64], plane: NDArray[np.float64]) -> float
     """Root mean square residual, 1/m."""
     left = moments[9] - plane @ moments[[7, 8, 6]]
     return float(np.sqrt(max(left, 0.0) / moments[0]))
+
+
+@njit(cache=True, nogil=True)
+def _hull(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Convex hull (K, 2), counter-clockwise, of points (N, 2) sorted by x, then y."""
+    hull = np.empty((2 * len(points) + 1, 2))
+    size, floor = 0, 0
+    for turn in range(2):
+        for k in range(len(points)):
+            p = points[k] if turn == 0 else points[len(points) - 1 - k]
+            while size - floor > 1:
+                ax, ay = hull[size - 1, 0] - hull[size - 2, 0], hull[size - 1, 1] - hull[size - 2, 1]
+                if ax * (p[1] - hull[size - 2, 1]) - ay * (p[0] - hull[size - 2, 0]) > 0:
+                    break
+                size -= 1
+            hull[size] = p
+            size += 1
+        size -= 1  # the last point begins the other chain
+        floor = size
+    return hull[:size]
 
 
 @njit(cache=True, nogil=True)
@@ -433,8 +461,9 @@ def _votes(
     gate: float,
     least_cosine: float,
     per_pixel: float,
+    step: int,
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Square metres of free blocks on each seed plane (S,), and which blocks are on the last one."""
+    """Square metres of every step-th free block on each seed plane (S,), and which blocks are on the last one."""
     rows, columns = free.shape
     areas = np.zeros(len(seeds))
     members = np.zeros((rows, columns), np.bool_)
@@ -442,8 +471,8 @@ def _votes(
         A, B, C = seeds[s, 0], seeds[s, 1], seeds[s, 2]
         length = np.sqrt(A * A + B * B + C * C)
         last = s == len(seeds) - 1
-        for r in range(rows):
-            for c in range(columns):
+        for r in range(0, rows, step):
+            for c in range(0, columns, step):
                 if not free[r, c]:
                     continue
                 n = moments[r, c, 0]
@@ -462,7 +491,9 @@ def _votes(
     return areas, members
 
 
-@njit(cache=True, nogil=True)
+@njit(
+    cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "nsz", "contract"}
+)  # sums in any order; no division check
 def _refit(
     depth: NDArray[np.float32],
     fx: float,
@@ -475,21 +506,22 @@ def _refit(
 ) -> NDArray[np.float64]:
     """Moments (10,) of the pixels of every step-th row and column whose inverse depth is within gate of the plane's."""
     m = np.zeros(10)
+    A, B, C = plane[0], plane[1], plane[2]
     for v in range(0, depth.shape[0], step):
         y = (v - cy) / fy
         n, sx, sxx, sw, swx, sww = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         for u in range(0, depth.shape[1], step):
-            z = depth[v, u]
-            if z > 0:
-                x = (u - cx) / fx
-                w = 1.0 / z
-                if abs(w - (plane[0] * x + plane[1] * y + plane[2])) < gate:
-                    n += 1.0
-                    sx += x
-                    sxx += x * x
-                    sw += w
-                    swx += w * x
-                    sww += w * w
+            x = (u - cx) / fx
+            w = 1.0 / depth[v, u]
+            on = abs(w - (A * x + B * y + C)) < gate  # false for infinity, where nothing was measured
+            w = w if on else 0.0
+            x = x if on else 0.0
+            n += 1.0 if on else 0.0
+            sx += x
+            sxx += x * x
+            sw += w
+            swx += w * x
+            sww += w * w
         m[0] += n
         m[1] += sx
         m[2] += n * y
