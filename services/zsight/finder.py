@@ -61,10 +61,11 @@ def run(bus: Bus, settings: Settings) -> None:
     catalogue = object_catalogue.load(*folders)
     catalogue.models()
     work = FindObject(bus, settings, catalogue)
+    work.start_reading()
     server = ActionServer(bus, settings.name, FindObjectGoal, work, Policy(settings.parallel, settings.queue))
     catalogue_server = serve_catalogue(bus, catalogue, Path(settings.catalogue) if settings.catalogue else None)
     bus.ready()
-    work.read()
+    bus.stopping.wait()
     catalogue_server.close()
     server.close()
 
@@ -86,20 +87,17 @@ class FindObject:
         self._scenes: dict[tuple[int, float | None], scene_core.Scene] = {}
         self._scene_lock = threading.Lock()
 
-    def read(self) -> None:
-        """Keep the newest cloud and all transforms until the bus stops."""
-        threads = [
-            threading.Thread(target=self._read_transforms, args=(reader,), daemon=True)
-            for reader in (self._static, self._moving)
-        ]
-        for thread in threads:
-            thread.start()
-        for cloud in self._clouds:
+    def start_reading(self) -> None:
+        """Keep the newest cloud and all transforms, on threads that end with the bus."""
+        threading.Thread(target=self._read_clouds, args=(self._clouds,), name="clouds", daemon=True).start()
+        for reader in (self._static, self._moving):
+            threading.Thread(target=self._read_transforms, args=(reader,), name="transforms", daemon=True).start()
+
+    def _read_clouds(self, reader: Reader[PointCloud2]) -> None:
+        for cloud in reader:
             with self._came:
                 self._newest = (cloud, time.monotonic())
                 self._came.notify_all()
-        for thread in threads:
-            thread.join()
 
     def _read_transforms(self, reader: Reader[TransformList]) -> None:
         for transforms in reader:

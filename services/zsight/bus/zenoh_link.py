@@ -154,7 +154,7 @@ class ZenohLink:
     def watch_alive(self, key: str, changed: Callable[[str, bool], None]) -> Closable:
         """Call changed(key, alive) for every token that is there, comes or goes."""
         handler: Any = handlers.Callback(
-            lambda sample: changed(str(sample.key_expr), sample.kind is zenoh.SampleKind.PUT), indirect=False
+            lambda sample: changed(str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT), indirect=False
         )
         subscriber = self._session.liveliness().declare_subscriber(key, handler, history=True)
         return Closable(lambda: self._undeclare(subscriber))
