@@ -158,11 +158,9 @@ def sensitivity() -> None:
         usual = getattr(module, name)
         for factor in (0.67, 1.0, 1.5):
             setattr(module, name, type(usual)(usual * factor))
-            values = [row["value"] for row in _rows("", list(measure_all().values()))[:4]]
-            print(
-                f"{name:14} x {factor:4} overlap {values[0]:.3f} boundary {values[1]:.3f} above {values[2]:.3f}", end=""
-            )
-            print(f" exact {values[3]:.3f}")
+            rows = _rows("", list(measure_all().values()))[:4]
+            figures = " ".join(f"{row['name'].removeprefix('segmentation').strip()} {row['value']:.3f}" for row in rows)
+            print(f"{name:14} x {factor:4} {figures}")
         setattr(module, name, usual)
 
 
@@ -187,9 +185,8 @@ def main() -> None:
         for name, f in figures.items():
             print(f"{name:9} overlap {f.overlap:.3f} boundary {f.boundary:.3f} found {f.found} of {f.true}")
     for row in rows:
-        print(
-            f"{row['name']:48} {row['value']:8} {row['unit']:3} target {row['target']} {'' if row['holds'] else 'MISSED'}"
-        )
+        verdict = "" if row["holds"] else "MISSED"
+        print(f"{row['name']:48} {row['value']:8} {row['unit']:3} target {row['target']} {verdict}")
 
 
 if __name__ == "__main__":
