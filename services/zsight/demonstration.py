@@ -180,7 +180,7 @@ def _eye(T_camera_world: NDArray[np.float64], block: FindObjectResult) -> Any:
         return None
     place = block.objects[0].pose.position
     target = T_camera_world @ np.array([place.x, place.y, place.z, 1.0])
-    return eye_around(target[:3], T_camera_world[:3, 2], distance=1.1, azimuth=0.0, elevation=0.9)
+    return eye_around(target[:3], T_camera_world[:3, 2], distance=1.6, azimuth=0.35, elevation=0.75)
 
 
 def _free_port() -> int:

@@ -86,10 +86,17 @@ def result_of(
         status=Status(answer.status),
         finder=finder,
         objects=tuple(_object_of(d, catalogue, scene, T_frame_camera) for d in answer.detections),
-        p_absent=float(np.clip(answer.p_absent, 0, 1)),
+        p_absent=_p_absent(answer),
         report=report,
         timings_ms=timings,
     )
+
+
+def _p_absent(answer: Answer) -> float:
+    """Probability that no object of the type is there."""
+    if not answer.detections:
+        return float(np.clip(answer.p_absent, 0, 1))
+    return float(np.prod([1 - np.clip(detection.score, 0, 1) for detection in answer.detections]))
 
 
 def _object_of(

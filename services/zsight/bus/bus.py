@@ -56,13 +56,17 @@ class Bus:
         self.on_ready: Callable[[], object] = lambda: None
         self._ready_token: object = None
         self._open_readers: list[Reader[Any]] = []
+        self._open_writers: list[Writer[Any]] = []
 
     def writer(self, key: str, kind: type[M]) -> Writer[M]:
         """A writer of one kind of message, delivered as the channel table says."""
         delivery = channel_of(key, self.cell.namespace).delivery
         counter = WriteCounter(key)
         self.writers.append(counter)
-        return Writer(self.link.writer(key, delivery), kind, counter)
+        writer = Writer(self.link.writer(key, delivery), kind, counter)
+        # A writer that nobody refers to is withdrawn, and what it latched with it.
+        self._open_writers.append(writer)
+        return writer
 
     def reader(self, key: str, kind: type[M], *, delivery: Delivery | None = None) -> Reader[M]:
         """A reader of one kind of message; the key may hold wildcards, then the delivery must be given."""
