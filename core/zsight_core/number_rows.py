@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numba import njit
 
+from zsight_core.eight_bytes import load
+
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
@@ -21,7 +23,10 @@ if TYPE_CHECKING:
 
     from zsight_core.points import Points
 
-__all__ = ["Column", "RowsError", "columns_of", "format_rows", "least_bytes", "parse_rows", "warm_up"]
+__all__ = ["TAIL", "Column", "RowsError", "columns_of", "format_rows", "least_bytes", "parse_rows", "warm_up"]
+
+TAIL = 16
+"""A text to read ends with so many line feeds more than it has, for a kernel that looks at several letters at once."""
 
 
 @dataclass(frozen=True)
@@ -41,8 +46,9 @@ class RowsError(Exception):
 
 _KINDS = {"f4": 0, "f8": 1, "i1": 2, "i2": 3, "i4": 4, "i8": 5, "u1": 6, "u2": 7, "u4": 8, "u8": 9, "text": 10}
 _SIZES = np.array([4, 8, 1, 2, 4, 8, 1, 2, 4, 8], np.int64)
-_FLOAT, _DOUBLE, _SIGNED, _UNSIGNED, _TEXT = 0, 1, 2, 6, 10
+_FLOAT, _DOUBLE, _SIGNED, _UNSIGNED, _UINT32, _TEXT = 0, 1, 2, 6, 8, 10
 _WIDTHS = np.array([16, 0, 4, 6, 11, 20, 3, 5, 10, 20, 25], np.int64)  # the longest number of each kind, in letters
+_DOUBTFUL = 8  # steps of a double about the middle of two float32 within which the nearer is not certain
 _POWERS = np.array([float(f"1e{k}") for k in range(309)])
 _TEXT_WIDTH = 25
 _LONGEST_WORD = 1100  # a double written out in full takes at most 1,077
@@ -51,6 +57,15 @@ _ROWS_AT_ONCE = 1 << 15
 
 # What stops the kernel that reads
 _DONE, _HARD, _SHORT_ROW, _LONG_ROW, _JUNK, _RANGE, _FEW_ROWS, _MANY_ROWS = range(8)
+
+_ONES = np.uint64(0x0101010101010101)
+_HIGHS = np.uint64(0x8080808080808080)
+_ZEROS = np.uint64(0x3030303030303030)
+_ABOVE_NINE = np.uint64(0x4646464646464646)  # lifts what lies above a 9 over 127
+_TENS = np.array([10**k for k in range(9)], np.uint64)
+_0, _1, _3, _8, _10 = (np.uint64(k) for k in (0, 1, 3, 8, 10))  # with a signed number, numba would go over to float
+_NAN = np.uint64(int.from_bytes(b"NAN", "little"))
+_CAPITALS = np.uint64(0xDFDFDF)
 
 
 def columns_of(dtype: np.dtype[Any]) -> list[Column]:
@@ -70,7 +85,7 @@ def parse_rows(
     """Read as many lines as there are records; empty lines are skipped, blanks and tabs part the numbers.
 
     Args:
-        text: uint8 (bytes,), the last of which is a line feed.
+        text: uint8 (bytes,), the last `TAIL` of which are line feeds.
         records: uint8 (rows, bytes a record), filled at the columns' bytes in little endian.
         columns: the numbers of a line, in order.
         more: further text may follow the rows.
@@ -80,10 +95,11 @@ def parse_rows(
             left over.
     """
     kinds, places = _table(columns)
+    cells, (rows, record) = records.reshape(-1), records.shape
     state = np.zeros(3, np.int64)  # byte of the text, row, number of hard words
     hard = np.empty((_HARD_WORDS, 4), np.int64)  # row, column, first byte, byte behind the last
     while True:
-        code = int(_parse(text, records, kinds, places, _SIZES, _POWERS, state, hard))
+        code = int(_parse(text, cells, rows, record, kinds, places, _SIZES, _POWERS, state, hard))
         for row, column, start, end in hard[: state[2]].tolist():
             word = text[start:end].tobytes()
             records_at = places[column]
@@ -119,7 +135,7 @@ def format_rows(points: Points) -> Iterator[NDArray[np.uint8]]:
 def warm_up() -> None:
     """Compile the kernels, or load them from the cache."""
     points = np.zeros(1, np.dtype([("x", "<f4")]))
-    text = np.concatenate(list(format_rows(points)))
+    text = np.concatenate([*format_rows(points), np.full(TAIL, ord("\n"), np.uint8)])
     parse_rows(text, points.view(np.uint8).reshape(1, 4), [Column("f4", 0)])
 
 
@@ -210,6 +226,8 @@ def _with_doubles_as_text(points: Points) -> tuple[Points, list[Column]]:
 def _parse(  # noqa: C901  one pass over the text with its six ways to end
     text: NDArray[np.uint8],
     records: NDArray[np.uint8],
+    rows: int,
+    record: int,
     kinds: NDArray[np.int64],
     places: NDArray[np.int64],
     sizes: NDArray[np.int64],
@@ -219,10 +237,14 @@ def _parse(  # noqa: C901  one pass over the text with its six ways to end
 ) -> int:
     """Read rows until all are there, something is wrong, or the list of hard words may overflow."""
     at, row = state[0], state[1]
-    end = len(text)  # the last letter is a line feed, so that inner loops need not look for the end
-    rows, width = len(records), len(kinds)
-    found = 0
+    end = len(text) - TAIL + 1  # line feeds follow, so that inner loops need not look for the end
+    width, found = len(kinds), 0
     while row < rows:
+        behind = _plain_row(text, at, records, row * record, kinds, places, powers)
+        if behind > 0:
+            at = behind
+            row += 1
+            continue
         at = _skip_blanks(text, at)
         if text[at] == 10:  # an empty line, or the end
             at += 1
@@ -249,18 +271,13 @@ def _parse(  # noqa: C901  one pass over the text with its six ways to end
                 return code
             place = places[column]
             if place >= 0:
-                for k in range(sizes[kind]):
-                    records[row, place + k] = bits & np.uint64(255)
-                    bits >>= np.uint64(8)
+                _put_bits(records, row * record + place, sizes[kind], bits)
         at = _skip_blanks(text, at)
         if text[at] != 10:
             state[0], state[1], state[2] = at, row, found
             return _LONG_ROW
         at += 1
         row += 1
-        if at >= end and row < rows:
-            state[0], state[1], state[2] = at, row, found
-            return _FEW_ROWS
     state[0], state[1], state[2] = at, row, found
     while at < end:
         if text[at] > 32:
@@ -274,6 +291,99 @@ def _skip_blanks(text: NDArray[np.uint8], at: int) -> int:
     while text[at] == 32 or text[at] == 9 or text[at] == 13:
         at += 1
     return at
+
+
+@njit(cache=True, nogil=True)
+def _plain_row(  # noqa: C901  in one piece, because calls for each number would take longer than the reading
+    text: NDArray[np.uint8],
+    start: int,
+    records: NDArray[np.uint8],
+    record: int,
+    kinds: NDArray[np.int64],
+    places: NDArray[np.int64],
+    powers: NDArray[np.float64],
+) -> np.int64:
+    """Read a row of usual words, such as -12.345, 1234567 and nan; give the place behind it, or 0 where one is unusual.
+
+    Up to eight digits are taken at once, after Lemire (Number parsing at a gigabyte per second, 2021).
+    """
+    at = np.uint64(start)
+    for column in range(len(kinds)):
+        while text[at] == 32 or text[at] == 9:
+            at += _1
+        letters, kind = load(text, at), kinds[column]
+        if kind == _FLOAT and letters & _CAPITALS == _NAN and text[at + _3] <= 32:
+            at += _3
+            bits = np.uint32(0x7FC00000)
+        else:
+            negative = letters & np.uint64(255) == np.uint64(45)
+            if negative:
+                at += _1
+                letters = load(text, at)
+            others = (
+                (letters + _ABOVE_NINE) | (letters - _ZEROS)
+            ) & _HIGHS  # up to and with the first that is no digit
+            below = (others & (~others + _1)) - _1
+            count = (((below & _ONES) * _ONES) >> np.uint64(56)) - _1 if others != _0 else _8
+            digits = (letters - _ZEROS) << (_8 * (_8 - count)) if count > _0 else _0  # with zeros in front
+            digits = ((digits * np.uint64(2561)) >> np.uint64(8)) & np.uint64(0x00FF00FF00FF00FF)
+            digits = ((digits * np.uint64(6553601)) >> np.uint64(16)) & np.uint64(0x0000FFFF0000FFFF)
+            number = (digits * np.uint64(42949672960001)) >> np.uint64(32)
+            at += count
+            while count >= _8 and 48 <= text[at] <= 57 and count < _10:
+                number = number * _10 + np.uint64(text[at] - 48)
+                at += _1
+                count += _1
+            if kind == _FLOAT:
+                scale = _0
+                if text[at] == 46:
+                    at += _1
+                    letters = load(text, at)
+                    others = ((letters + _ABOVE_NINE) | (letters - _ZEROS)) & _HIGHS
+                    below = (others & (~others + _1)) - _1
+                    scale = (((below & _ONES) * _ONES) >> np.uint64(56)) - _1 if others != _0 else _8
+                    digits = (letters - _ZEROS) << (_8 * (_8 - scale)) if scale > _0 else _0
+                    digits = ((digits * np.uint64(2561)) >> np.uint64(8)) & np.uint64(0x00FF00FF00FF00FF)
+                    digits = ((digits * np.uint64(6553601)) >> np.uint64(16)) & np.uint64(0x0000FFFF0000FFFF)
+                    number = number * _TENS[scale] + ((digits * np.uint64(42949672960001)) >> np.uint64(32))
+                    at += scale
+                    while scale >= _8 and 48 <= text[at] <= 57 and count + scale < np.uint64(18):
+                        number = number * _10 + np.uint64(text[at] - 48)
+                        at += _1
+                        scale += _1
+                value = np.float64(np.int64(number)) / powers[scale]
+                tail = np.int64(np.float64(value).view(np.uint64) & np.uint64((1 << 29) - 1))
+                if abs(tail - (1 << 28)) <= _DOUBTFUL:
+                    return np.int64(0)
+                bits = np.float32(value).view(np.uint32) | np.uint32(np.uint64(negative) << np.uint64(31))
+                count += scale
+            elif kind == _UINT32:
+                if negative or number > np.uint64(0xFFFFFFFF):
+                    return np.int64(0)
+                bits = np.uint32(number)
+            else:
+                return np.int64(0)
+            if count == _0 or text[at] > 32:
+                return np.int64(0)
+        place = places[column]
+        if place >= 0:
+            _put_bits(records, record + place, 4, np.uint64(bits))
+    while text[at] == 32 or text[at] == 9 or text[at] == 13:
+        at += _1
+    return np.int64(at + _1) if text[at] == 10 else np.int64(0)
+
+
+@njit(cache=True, nogil=True)
+def _put_bits(records: NDArray[np.uint8], at: int, size: int, bits: np.uint64) -> None:
+    place = np.uint64(at)
+    if size == 4:  # written out, so that it becomes one move
+        records[place] = np.uint8(bits)
+        records[place + np.uint64(1)] = np.uint8(bits >> np.uint64(8))
+        records[place + np.uint64(2)] = np.uint8(bits >> np.uint64(16))
+        records[place + np.uint64(3)] = np.uint8(bits >> np.uint64(24))
+        return
+    for k in range(size):
+        records[place + np.uint64(k)] = np.uint8(bits >> np.uint64(8 * k))
 
 
 @njit(cache=True, nogil=True)
@@ -428,7 +538,7 @@ def _single(
     if value > 3.4028234e38:
         return at, _HARD, np.uint64(0)
     tail = np.int64(np.float64(value).view(np.uint64) & np.uint64((1 << 29) - 1))
-    if abs(tail - (1 << 28)) <= 8:
+    if abs(tail - (1 << 28)) <= _DOUBTFUL:
         return at, _HARD, np.uint64(0)
     return at, _DONE, np.uint64(np.float32(value).view(np.uint32)) | sign
 

@@ -16,13 +16,13 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from io import BufferedReader
 
-    from numpy.typing import NDArray
-
     from zsight_core.points import Points
 
 __all__ = ["LEVEL", "Encoding", "PcdFile", "Viewpoint", "read", "warm_up", "write"]
 
 Encoding = Literal["ascii", "binary", "binary_compressed"]
+
+_LARGEST_COMPRESSED = 4_000_000_000  # sizes have 32 bits, and what does not compress grows by 1/32
 
 
 @dataclass(frozen=True)
@@ -87,8 +87,9 @@ def write(
 
 def warm_up() -> None:
     """Compile the kernels of all encodings, or load them from the cache."""
-    from zsight_core import lzf, number_rows
+    from zsight_core import field_columns, lzf, number_rows
 
+    field_columns.warm_up()
     lzf.warm_up()
     number_rows.warm_up()
 
@@ -104,7 +105,7 @@ def _read_binary(file: BufferedReader, header: Header, size: int, path: AnyPath)
 
 
 def _read_compressed(file: BufferedReader, header: Header, size: int, path: AnyPath) -> Points:
-    from zsight_core import lzf
+    from zsight_core import field_columns, lzf
 
     packed_size, data_size = _compressed_sizes(file, path)
     expected = header.count * header.record_size
@@ -118,7 +119,7 @@ def _read_compressed(file: BufferedReader, header: Header, size: int, path: AnyP
     fill(file, stream, path)
     if lzf.decompress(stream, data) != data_size:
         raise FileError(path, "is damaged: its compressed data do not expand to what the header promises")
-    return _from_columns(data, header)
+    return field_columns.to_records(data, header.field_sizes).reshape(-1).view(header.dtype)
 
 
 def _read_ascii(file: BufferedReader, header: Header, size: int, path: AnyPath) -> Points:
@@ -126,9 +127,8 @@ def _read_ascii(file: BufferedReader, header: Header, size: int, path: AnyPath) 
 
     columns = _columns(header)
     require_size(size, number_rows.least_bytes(header.count, len(columns)), path)
-    text = np.empty(size + 1, np.uint8)
+    text = np.full(size + number_rows.TAIL, ord("\n"), np.uint8)
     fill(file, text[:size], path)
-    text[size] = ord("\n")
     points = np.zeros(header.count, header.dtype)
     records = points.view(np.uint8).reshape(header.count, header.record_size)
     try:
@@ -146,32 +146,6 @@ def _compressed_sizes(file: BinaryIO, path: AnyPath) -> tuple[int, int]:
     if len(sizes) < 8:
         raise FileError(path, "is cut short: the sizes of its compressed data are missing")
     return int.from_bytes(sizes[:4], "little"), int.from_bytes(sizes[4:], "little")
-
-
-def _from_columns(data: NDArray[np.uint8], header: Header) -> Points:
-    """Records from the compressed order, in which all points' first field comes first, then all points' second."""
-    records = np.zeros((header.count, header.record_size), np.uint8)
-    for field, at in zip(header.fields, header.offsets, strict=True):
-        size = field.size * field.count
-        column = data[at * header.count : (at + size) * header.count]
-        if not field.is_padding:
-            _item_view(records[:, at : at + size])[...] = _item_view(column.reshape(header.count, size))
-    return records.reshape(-1).view(header.dtype)
-
-
-def _to_columns(packed: Points, header: Header) -> NDArray[np.uint8]:
-    records = packed.view(np.uint8).reshape(header.count, header.record_size)
-    data = np.empty(header.count * header.record_size, np.uint8)
-    for field, at in zip(header.fields, header.offsets, strict=True):
-        size = field.size * field.count
-        column = data[at * header.count : (at + size) * header.count]
-        _item_view(column.reshape(header.count, size))[...] = _item_view(records[:, at : at + size])
-    return data
-
-
-def _item_view(cells: NDArray[np.uint8]) -> NDArray[Any]:
-    """The bytes (points, size) as one item a point, which numpy copies at once."""
-    return cells.view(np.dtype((np.void, cells.shape[1])))
 
 
 def _columns(header: Header) -> list[Any]:
@@ -227,12 +201,12 @@ def _write_binary(file: BinaryIO, header: Header, packed: Points, path: AnyPath)
 
 
 def _write_compressed(file: BinaryIO, header: Header, packed: Points, path: AnyPath) -> None:
-    from zsight_core import lzf
+    from zsight_core import field_columns, lzf
 
-    data = _to_columns(packed, header)
+    if packed.nbytes >= _LARGEST_COMPRESSED:
+        raise FileError(path, f"{packed.nbytes} bytes are too much for binary_compressed; write it as binary")
+    data = field_columns.to_columns(packed.view(np.uint8).reshape(-1, header.record_size), header.field_sizes)
     stream = lzf.compress(data)
-    if max(len(stream), len(data)) >= 1 << 32:
-        raise FileError(path, f"{len(data)} bytes are too much for binary_compressed; write it as binary")
     file.write(len(stream).to_bytes(4, "little") + len(data).to_bytes(4, "little"))
     file.write(stream.data)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, BinaryIO
@@ -86,15 +87,19 @@ class Header:
         return self.width * self.height
 
     @property
-    def record_size(self) -> int:
-        """Bytes a point, padding included."""
-        return sum(field.size * field.count for field in self.fields)
+    def field_sizes(self) -> list[int]:
+        """Bytes a point of each field, padding included."""
+        return [field.size * field.count for field in self.fields]
 
     @property
-    def offsets(self) -> tuple[int, ...]:
+    def record_size(self) -> int:
+        """Bytes a point, padding included."""
+        return sum(self.field_sizes)
+
+    @property
+    def offsets(self) -> list[int]:
         """Where each field begins in a record."""
-        sizes = [field.size * field.count for field in self.fields]
-        return tuple(sum(sizes[:k]) for k in range(len(sizes)))
+        return [0, *itertools.accumulate(self.field_sizes)][:-1]
 
     @property
     def dtype(self) -> np.dtype[Any]:

@@ -211,12 +211,11 @@ def _read_ascii(file: BufferedReader, header: _Header, size: int, path: AnyPath)
     vertex = header.vertex
     lines_before = sum(element.count for element in header.before)
     require_size(size, 2 * lines_before + number_rows.least_bytes(vertex.count, len(vertex.properties)), path)
-    text = np.empty(size + 1, np.uint8)
+    text = np.full(size + number_rows.TAIL, ord("\n"), np.uint8)
     fill(file, text[:size], path)
-    text[size] = ord("\n")
     records = np.zeros(vertex.count, _dtype(vertex))
     cells = records.view(np.uint8).reshape(vertex.count, records.dtype.itemsize)
-    rows = text[_after_lines(text, lines_before, path) :]
+    rows = text[_after_lines(text, size, lines_before, path) :]
     try:
         number_rows.parse_rows(rows, cells, number_rows.columns_of(records.dtype), more=header.elements[-1] != vertex)
     except number_rows.RowsError as error:
@@ -224,13 +223,13 @@ def _read_ascii(file: BufferedReader, header: _Header, size: int, path: AnyPath)
     return records
 
 
-def _after_lines(text: NDArray[np.uint8], count: int, path: AnyPath) -> int:
-    """Where the line number ``count`` (from 0) begins."""
+def _after_lines(text: NDArray[np.uint8], size: int, count: int, path: AnyPath) -> int:
+    """Where the line number ``count`` (from 0) begins; the file's own text has ``size`` bytes."""
     if count == 0:
         return 0
-    ends = np.flatnonzero(text == ord("\n"))
-    if len(ends) <= count:
-        raise FileError(path, f"is cut short: {len(ends) - 1} lines of data are there, {count} before the vertices")
+    ends = np.flatnonzero(text[:size] == ord("\n"))
+    if len(ends) < count:
+        raise FileError(path, f"is cut short: {len(ends)} lines of data are there, {count} before the vertices")
     return int(ends[count - 1]) + 1
 
 
