@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from numba import njit
 
 from zsight_core.transform import inverse
 
@@ -15,13 +16,22 @@ if TYPE_CHECKING:
     from zsight_core.scene import Scene
     from zsight_core.wholes import Cells
 
-__all__ = ["Clues", "Hypothesis", "Piece", "clues_of"]
+__all__ = ["Clues", "Hypothesis", "Layer", "Piece", "clues_of", "warm_up"]
 
 LEVEL = float(np.cos(np.radians(14.0)))
 """A piece whose mean normal is this near to up is flat: a top that may carry things."""
 
-HEIGHT_GATE = 0.010
-"""Metres; a top may lie this far from where the shape says."""
+STEEP = 0.5
+"""Upward part of the normal below which a cell cannot be of a top."""
+
+HEIGHT_GATE = 0.004
+"""Metres, besides two and a half standard deviations of depth, that a top may lie from where the shape says."""
+
+SMALLEST_TOP = 20
+"""Cells of a level piece that something may stand on."""
+
+SMALLEST_LAYER = 5
+"""Cells."""
 
 
 class Hypothesis(NamedTuple):
@@ -59,43 +69,74 @@ class Piece:
         return bool(self.normal[2] > LEVEL)
 
 
+class Layer(NamedTuple):
+    """Cells that hang together and lie at one height: a top, or what is seen of it."""
+
+    xy: NDArray[np.float64]
+    """(N, 2) metres in the support's frame."""
+    support: int
+
+
 @dataclass(frozen=True, eq=False)
 class Clues:
     """All pieces of a scene, and its segments as pieces."""
 
+    cells: Cells
+    grid: NDArray[np.int32]
+    """(R, C) number of the cell at each place of the image, or -1."""
     pieces: list[Piece]
     segments: list[Piece]
     eyes: list[NDArray[np.float64]]
     """Per support the camera's place (3,), metres, in the support's frame."""
+    gates: NDArray[np.float64]
+    """(N,) metres; how far each cell may lie from the height a shape says."""
 
-    @property
-    def tops(self) -> list[Piece]:
-        """Level pieces, the highest first."""
-        return sorted((p for p in self.pieces if p.is_level), key=lambda p: -p.height)
+    def bases(self, support: int) -> list[float]:
+        """Heights over a surface on which something may stand: the surface itself and level tops, 4 mm apart."""
+        heights = [0.0]
+        for piece in sorted(self.pieces, key=lambda p: p.height):
+            stands = piece.is_level and piece.support == support and len(piece.points) >= SMALLEST_TOP
+            if stands and piece.height > heights[-1] + 0.004:
+                heights.append(piece.height)
+        return heights
 
-    def bases(self, top: Piece, tall: float) -> list[float]:
-        """Heights over the surface on which something this tall could stand so that its top is here."""
-        base = top.height - tall
-        if abs(base) < HEIGHT_GATE:
-            return [0.0]
-        if base < 0:
-            return []
-        reach = np.ptp(top.points[:, :2], axis=0).max() + 0.03
-        found = [
-            other.height
-            for other in self.pieces
-            if other.is_level
-            and other.support == top.support
-            and abs(other.height - base) < HEIGHT_GATE
-            and np.abs(other.points[:, :2] - top.points[:, :2].mean(axis=0)).max(axis=1).min() < reach
+    def layers(self, height: float, support: int) -> list[Layer]:
+        """What lies at a height over a surface, metres, without what is steep, in connected pieces."""
+        cells = self.cells
+        number = _layers(
+            cells.row, cells.column, cells.points, cells.normals, cells.support, self.gates, self.grid, height, support
+        )
+        order = np.argsort(number, kind="stable")
+        cuts = np.flatnonzero(np.diff(number[order])) + 1
+        groups = np.split(order, cuts)
+        return [
+            Layer(np.ascontiguousarray(cells.points[members, :2]), support)
+            for members in groups
+            if len(members) >= SMALLEST_LAYER and number[members[0]] >= 0
         ]
-        return [min(found, key=lambda h: abs(h - base))] if found else []
+
+    def supports(self) -> range:
+        """Numbers of the surfaces."""
+        return range(len(self.eyes))
+
+    def is_carried(self, xy: NDArray[np.float64], reach: float, base: float, support: int) -> bool:
+        """True where something at this height is seen within reach of a place (2,), or the base is the surface."""
+        if base == 0:
+            return True
+        return any(
+            piece.is_level
+            and piece.support == support
+            and abs(piece.height - base) < 0.006
+            and np.abs(piece.points[:, :2] - xy).max(axis=1).min() < reach
+            for piece in self.pieces
+        )
 
 
 def clues_of(scene: Scene) -> Clues:
     """Collect the pieces of a scene."""
-    cells = scene.cells
-    frames = [inverse(inverse(scene.view.T_cloud_optical) @ s.T_camera_support) for s in scene.supports]
+    cells, view = scene.cells, scene.view
+    T_optical_cloud = inverse(view.T_cloud_optical)
+    frames = [inverse(T_optical_cloud @ s.T_camera_support) for s in scene.supports]
     pieces: list[Piece] = []
     grouped: dict[int, list[NDArray[np.int64]]] = {}
     for k in range(len(cells.start) - 1):
@@ -104,7 +145,17 @@ def clues_of(scene: Scene) -> Clues:
         pieces.append(_piece(cells, members, segment))
         grouped.setdefault(segment, []).append(members)
     segments = [_piece(cells, np.concatenate(m), segment) for segment, m in sorted(grouped.items()) if segment >= 2]
-    return Clues(pieces, segments, [T[:3, 3] for T in frames])
+    grid = np.full(scene.patches.label.shape, -1, np.int32)
+    grid[cells.row, cells.column] = np.arange(len(cells.row), dtype=np.int32)
+    z = view.depth[cells.row * scene.patches.step, cells.column * scene.patches.step].astype(np.float64)
+    gates = HEIGHT_GATE + 2.5 * scene.noise * z * z
+    return Clues(cells, grid, pieces, segments, [T[:3, 3] for T in frames], gates)
+
+
+def warm_up() -> None:
+    """Compile the kernels (or load them from their cache)."""
+    place, points, grid = np.zeros(1, np.int64), np.zeros((1, 3)), np.zeros((1, 1), np.int32)
+    _layers(place, place, points, points, np.zeros(1, np.int8), np.ones(1), grid, 0.0, 0)
 
 
 def _piece(cells: Cells, members: NDArray[np.int64], segment: int) -> Piece:
@@ -112,3 +163,48 @@ def _piece(cells: Cells, members: NDArray[np.int64], segment: int) -> Piece:
     mean = normals.sum(axis=0)
     mean /= max(float(np.linalg.norm(mean)), 1e-9)
     return Piece(points, normals, mean, segment, int(cells.support[members[0]]), float(np.median(points[:, 2])))
+
+
+@njit(cache=True, nogil=True)
+def _layers(
+    row: NDArray[np.int64],
+    column: NDArray[np.int64],
+    points: NDArray[np.float64],
+    normals: NDArray[np.float64],
+    over: NDArray[np.int8],
+    gates: NDArray[np.float64],
+    grid: NDArray[np.int32],
+    height: float,
+    support: int,
+) -> NDArray[np.int32]:
+    """Number of the connected layer each cell belongs to (N,), or -1."""
+    count = len(row)
+    number = np.full(count, -2, np.int32)
+    for i in range(count):
+        inside = over[i] == support and abs(points[i, 2] - height) < gates[i]
+        if inside and (normals[i, 2] > STEEP or not normals[i].any()):
+            number[i] = -1
+    queue = np.empty(count, np.int64)
+    layers = 0
+    for seed in range(count):
+        if number[seed] != -1:
+            continue
+        number[seed] = layers
+        queue[0] = seed
+        head, tail = 0, 1
+        while head < tail:
+            i = queue[head]
+            head += 1
+            for dr in range(-1, 2):
+                for dc in range(-1, 2):
+                    r, c = row[i] + dr, column[i] + dc
+                    if 0 <= r < grid.shape[0] and 0 <= c < grid.shape[1]:
+                        j = grid[r, c]
+                        if j >= 0 and number[j] == -1:
+                            near = abs(points[i, 0] - points[j, 0]) + abs(points[i, 1] - points[j, 1]) < 0.03
+                            if near:
+                                number[j] = layers
+                                queue[tail] = j
+                                tail += 1
+        layers += 1
+    return number

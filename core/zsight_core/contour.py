@@ -26,6 +26,9 @@ SPACING = 2.0
 MOST = 400
 """Samples."""
 
+SLACK = 0.002
+"""Metres in depth, besides two and a half standard deviations of noise, that are still the same surface."""
+
 STEEPEST = 2.0
 """Slope of depth beyond which a face is seen so edge-on that it is not followed outside of its outline."""
 
@@ -112,7 +115,7 @@ def scan(  # noqa: C901  one compiled loop over pixels; splitting it would pass 
             count += 1
             m[2], m[3], m[4], m[5] = mx, my, us, vs
             m[6], m[7], m[8] = (us - cx) / fx * z, (vs - cy) / fy * z, z
-            tolerance = 3.5 * noise + 0.004 * we * we
+            tolerance = 2.5 * noise + SLACK * we * we
             # what would be seen outside if nothing stood there: no edge can be seen against a near background
             facing = ground[0] * (us + reach * mx - cx) / fx + ground[1] * (vs + reach * my - cy) / fy + ground[2]
             slope = A * mx / fx + B * my / fy  # of 1 / z along the outward direction, a pixel

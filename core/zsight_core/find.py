@@ -284,10 +284,11 @@ class _Search:
         guesses = hypotheses(model.shape, self.clues)
         self.report["hypotheses"] += len(guesses)
         quick = []
+        rough = solid_of(model.shape, coarse=True)
         for number, guess in enumerate(guesses[:QUICK_LOOKS]):
             if number % 50 == 0:
                 self.checkpoint("look", number / len(guesses))
-            evidence = self._look(solid, guess, most=300, tolerance=0.008)
+            evidence = self._look(rough, guess, most=300, tolerance=0.008)
             if evidence.match >= 12 and evidence.agreement > 0.5:
                 quick.append((_promise(evidence), -number, guess))
         quick.sort(key=lambda q: (-q[0], -q[1]))
@@ -312,7 +313,7 @@ class _Search:
         evidence = self._look(solid, hypothesis)
         return Candidate(hypothesis, evidence, information, probability_of(evidence))
 
-    def _look(self, solid: Solid, guess: Hypothesis, most: int = 4000, tolerance: float = 0.004) -> Evidence:
+    def _look(self, solid: Solid, guess: Hypothesis, most: int = 4000, tolerance: float = 0.002) -> Evidence:
         view = self.scene.view
         return verify.compare(
             view.depth,

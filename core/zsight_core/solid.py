@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -31,8 +32,12 @@ class Solid:
     """(E, 4) both vertices and both faces of each edge; -1 for the second face of an open border."""
 
 
-def solid_of(shape: Shape) -> Solid:
-    """Triangulate a shape.
+def solid_of(shape: Shape, *, coarse: bool = False) -> Solid:
+    """Triangulate a shape; the same shape is triangulated once.
+
+    Args:
+        shape: any but a surface.
+        coarse: fewer facets on curved shapes, for a quick look.
 
     Curved shapes are drawn so that their facets lie half outside and half inside of the true surface.
 
@@ -41,16 +46,42 @@ def solid_of(shape: Shape) -> Solid:
     """
     match shape:
         case Box(size):
-            vertices, faces = _box(np.array(size))
+            return _box_solid(size)
         case Cylinder(diameter, height):
-            vertices, faces = _cylinder(diameter / 2, height)
+            return _cylinder_solid(diameter / 2, height, 12 if coarse else SIDES)
         case Sphere(diameter):
-            vertices, faces = _sphere(diameter / 2)
+            return _sphere_solid(diameter / 2, 1 if coarse else 3)
         case Mesh(vertices, faces):
-            vertices = vertices - (vertices.min(axis=0) + vertices.max(axis=0)) / 2
+            return _mesh_solid(vertices.astype(np.float64).tobytes(), faces.astype(np.int32).tobytes())
         case _:
             raise ModelError(f"{type(shape).__name__} is not a solid; expected a box, cylinder, sphere or mesh")
-    return Solid(np.ascontiguousarray(vertices), np.ascontiguousarray(faces, np.int32), _edges(faces))
+
+
+@lru_cache(maxsize=64)
+def _box_solid(size: tuple[float, float, float]) -> Solid:
+    return _solid(*_box(np.array(size)))
+
+
+@lru_cache(maxsize=64)
+def _cylinder_solid(radius: float, height: float, sides: int) -> Solid:
+    return _solid(*_cylinder(radius, height, sides))
+
+
+@lru_cache(maxsize=64)
+def _sphere_solid(radius: float, cuts: int) -> Solid:
+    return _solid(*_sphere(radius, cuts))
+
+
+@lru_cache(maxsize=64)
+def _mesh_solid(vertices: bytes, faces: bytes) -> Solid:
+    corners = np.frombuffer(vertices).reshape(-1, 3)
+    return _solid(
+        corners - (corners.min(axis=0) + corners.max(axis=0)) / 2, np.frombuffer(faces, np.int32).reshape(-1, 3)
+    )
+
+
+def _solid(vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> Solid:
+    return Solid(np.ascontiguousarray(vertices), np.array(faces, np.int32), _edges(faces))
 
 
 def _box(size: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
@@ -59,26 +90,26 @@ def _box(size: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int
     return corners, np.array([t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))], np.int32)
 
 
-def _cylinder(radius: float, height: float) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
-    around = np.arange(SIDES) * 2 * np.pi / SIDES
-    r = radius * 2 / (1 + np.cos(np.pi / SIDES))
+def _cylinder(radius: float, height: float, sides: int) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+    around = np.arange(sides) * 2 * np.pi / sides
+    r = radius * 2 / (1 + np.cos(np.pi / sides))
     ring = np.stack([r * np.cos(around), r * np.sin(around)], axis=1)
-    low = np.column_stack([ring, np.full(SIDES, -height / 2)])
+    low = np.column_stack([ring, np.full(sides, -height / 2)])
     vertices = np.concatenate([low, low + np.array([0, 0, height]), [[0, 0, -height / 2], [0, 0, height / 2]]])
     faces = []
-    for i in range(SIDES):
-        j = (i + 1) % SIDES
+    for i in range(sides):
+        j = (i + 1) % sides
         faces += [
-            (i, j, SIDES + j),
-            (i, SIDES + j, SIDES + i),
-            (2 * SIDES, j, i),
-            (2 * SIDES + 1, SIDES + i, SIDES + j),
+            (i, j, sides + j),
+            (i, sides + j, sides + i),
+            (2 * sides, j, i),
+            (2 * sides + 1, sides + i, sides + j),
         ]
     return vertices, np.array(faces, np.int32)
 
 
-def _sphere(radius: float) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
-    """An icosahedron, each face cut in four three times."""
+def _sphere(radius: float, cuts: int) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+    """An icosahedron, each face cut in four so many times."""
     g = (1 + 5**0.5) / 2
     corners: list[tuple[float, float, float]]
     corners = [(-1, g, 0), (1, g, 0), (-1, -g, 0), (1, -g, 0), (0, -1, g), (0, 1, g), (0, -1, -g), (0, 1, -g)]
@@ -87,7 +118,7 @@ def _sphere(radius: float) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
     faces = [(0, 11, 5), (0, 5, 1), (0, 1, 7), (0, 7, 10), (0, 10, 11), (1, 5, 9), (5, 11, 4), (11, 10, 2), (10, 7, 6)]
     faces += [(7, 1, 8), (3, 9, 4), (3, 4, 2), (3, 2, 6), (3, 6, 8), (3, 8, 9), (4, 9, 5), (2, 4, 11), (6, 2, 10)]
     faces += [(8, 6, 7), (9, 8, 1)]
-    for _ in range(3):
+    for _ in range(cuts):
         middle: dict[tuple[int, int], int] = {}
         finer = []
         for a, b, c in faces:

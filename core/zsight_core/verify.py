@@ -15,6 +15,9 @@ if TYPE_CHECKING:
 
 __all__ = ["Evidence", "compare", "warm_up"]
 
+IN_FRONT = 0.015
+"""Metres by which something must be nearer to count as another thing in front."""
+
 
 class Evidence(NamedTuple):
     """Pixels and outline samples by what they say; plain floats so that compiled code can make one."""
@@ -22,9 +25,11 @@ class Evidence(NamedTuple):
     pixels: float
     """Image pixels that the solid would cover, those beyond the image's border included."""
     match: float
-    """Measured where the solid's surface is."""
+    """Measured where the solid's surface is; like the next two counted off the outline and scaled to all pixels."""
     through: float
     """Measured farther: the camera looks through the solid, which is against it."""
+    proud: float
+    """Measured a little nearer than the surface, too little for a thing in front."""
     hidden: float
     """Measured nearer: something else is in front."""
     unknown: float
@@ -39,8 +44,10 @@ class Evidence(NamedTuple):
     """Outline samples with no such surface."""
     edge_hidden: float
     """Outline samples that something nearer hides or that were not measured."""
-    rms: float
-    """Root mean square of 1 / z residuals over match, in units of the noise."""
+    misfit: float
+    """Metres; how far the measured surface is from the solid's on average over patches, noise taken off."""
+    offset: float
+    """Pixels; root mean square distance between drawn and measured outline."""
 
     @property
     def visible(self) -> float:
@@ -50,7 +57,7 @@ class Evidence(NamedTuple):
     @property
     def agreement(self) -> float:
         """Share of pixels that say yes among those that say yes or no."""
-        return self.match / max(self.match + self.through, 1.0)
+        return self.match / max(self.match + self.through + self.proud, 1.0)
 
     @property
     def outline(self) -> float:
@@ -76,7 +83,7 @@ def compare(
     noise: float,
     *,
     most: int = 4000,
-    tolerance: float = 0.004,
+    tolerance: float = 0.002,
 ) -> Evidence:
     """Evidence for a solid at a pose.
 
@@ -91,7 +98,7 @@ def compare(
         base: height of the solid's foot over the surface, metres.
         noise: standard deviation of 1 / z, 1/m.
         most: pixels of the raster.
-        tolerance: metres in depth, besides 3.5 standard deviations of noise, that count as a match.
+        tolerance: metres in depth, besides three standard deviations of noise, that count as a match.
     """
     T = T_optical_support @ T_support_model
     counts = _count(depth, pinhole, vertices, faces, edges, T, T_optical_support, base, noise, most, tolerance)
@@ -112,8 +119,8 @@ def _count(  # noqa: C901  one compiled loop over pixels; splitting it would pas
     most: int,
     tolerance: float,
 ) -> NDArray[np.float64]:
-    """The numbers of Evidence (11,)."""
-    counts = np.zeros(11)
+    """The numbers of Evidence (13,)."""
+    counts = np.zeros(13)
     height, width = depth.shape
     placed = place(T_optical_model, vertices)
     region = region_of(placed, pinhole, most)
@@ -122,7 +129,9 @@ def _count(  # noqa: C901  one compiled loop over pixels; splitting it would pas
     planes = face_planes(placed, faces)
     w, face = draw(placed, faces, planes, pinhole, region)
     u0, v0, columns, rows, step = region
-    squares = 0.0
+    block = max(3, (max(rows, columns) + 7) // 8)
+    blocks = np.zeros((rows // block + 1, columns // block + 1, 3))
+    inner, told = 0, 0
     for r in range(rows):
         v = v0 + r * step
         for k in range(columns):
@@ -131,36 +140,72 @@ def _count(  # noqa: C901  one compiled loop over pixels; splitting it would pas
             u = u0 + k * step
             counts[0] += 1
             if not (0 <= u < width and 0 <= v < height):
-                counts[5] += 1
+                counts[6] += 1
                 continue
             if depth[v, u] <= 0:
-                counts[4] += 1
+                counts[5] += 1
                 continue
+            z = 1.0 / w[r, k]
             residual = 1.0 / depth[v, u] - w[r, k]
-            gate = 3.5 * noise + tolerance * w[r, k] * w[r, k]
+            gate = 3.0 * noise + tolerance * w[r, k] * w[r, k]
+            far_in_front = residual > gate + IN_FRONT * w[r, k] * w[r, k]
+            if far_in_front:
+                counts[4] += 1
+            inside = 0 < r < rows - 1 and 0 < k < columns - 1
+            if inside:
+                inside = face[r - 1, k] >= 0 and face[r + 1, k] >= 0 and face[r, k - 1] >= 0 and face[r, k + 1] >= 0
+            if not inside:
+                continue
+            inner += 1
             if abs(residual) <= gate:
                 counts[1] += 1
-                squares += residual * residual
             elif residual < 0:
                 counts[2] += 1
-            else:
+            elif not far_in_front:
                 counts[3] += 1
+            if abs(residual) < 3.0 * noise + IN_FRONT * w[r, k] * w[r, k]:
+                told += 1
+                m = blocks[r // block, k // block]
+                m[0] += 1
+                m[1] += residual * z * z
+                m[2] += residual * residual * z * z * z * z
+    scale = counts[0] / max(inner, 1)
+    seen = (counts[0] - counts[4] - counts[5] - counts[6]) / max(counts[0], 1.0)
+    if inner > 0:
+        for k in range(1, 4):
+            counts[k] *= scale
+        total = counts[1] + counts[2] + counts[3]
+        if total > seen * counts[0] > 0:  # pixels near the outline are more often hidden
+            for k in range(1, 4):
+                counts[k] *= seen * counts[0] / total
+    squares, number = 0.0, 0.0
+    for r in range(blocks.shape[0]):
+        for k in range(blocks.shape[1]):
+            n = blocks[r, k, 0]
+            if n >= 4:
+                mean = blocks[r, k, 1] / n
+                variance = max(0.0, blocks[r, k, 2] / n - mean * mean) * n / (n - 1)
+                squares += n * (mean * mean - variance / n)
+                number += n
+    counts[11] = np.sqrt(max(0.0, squares) / max(number, 1.0)) if number > 0 else IN_FRONT
     ground = np.empty(4)
     ground[:3] = T_optical_support[:3, 2]
     ground[3] = (T_optical_support[:3, 2] * T_optical_support[:3, 3]).sum() + base
     samples = scan(depth, pinhole, placed, faces, edges, planes, w, region, ground, noise, 4)
+    off = 0.0
     for s in range(len(samples)):
         state = int(samples[s, 0])
         if state == 0:
-            counts[6] += 1
-        elif state == 1:
             counts[7] += 1
-        elif state == 4:
+            off += samples[s, 1] ** 2
+        elif state == 1:
             counts[8] += 1
-        else:
+        elif state == 4:
             counts[9] += 1
-    counts[10] = np.sqrt(squares / max(counts[1], 1.0)) / noise
-    for k in range(6):
+        else:
+            counts[10] += 1
+    counts[12] = np.sqrt(off / max(counts[7], 1.0))
+    for k in range(7):
         counts[k] *= step * step
     return counts
 

@@ -1,4 +1,4 @@
-"""Boxes: rectangles of the known footprint are laid over level tops at the known height."""
+"""Boxes: rectangles of the known footprint are laid over what lies at the known height, and against upright faces."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numba import njit
 
-from zsight_core.clues import Clues, Hypothesis, Piece
+from zsight_core.clues import Clues, Hypothesis, Layer, Piece
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -19,16 +19,25 @@ __all__ = ["hypotheses", "stable_poses", "warm_up"]
 SLACK = 0.008
 """Metres by which a measured side may miss a known one and still be the whole side."""
 
+FACE = 20
+"""Cells of an upright piece that may be a face."""
+
+UPRIGHT = 0.97
+"""Least level part of the normal of an upright face."""
+
 
 def hypotheses(shape: Box, clues: Clues) -> list[Hypothesis]:
-    """Rectangles on tops, slid to each end where only a part of the top is seen."""
+    """Rectangles on tops and against faces, slid to each end where only a part is seen."""
     found: list[Hypothesis] = []
     for R, (a, b, tall) in stable_poses(shape.size):
-        for top in clues.tops:
-            if len(top.points) < 8:
-                continue
-            for base in clues.bases(top, tall):
-                found += _on_top(top, R, a, b, tall, base)
+        for support in clues.supports():
+            for base in clues.bases(support):
+                for layer in clues.layers(base + tall, support):
+                    middle = layer.xy.mean(axis=0)
+                    if clues.is_carried(middle, max(a, b), base, support):
+                        found += _on_top(layer, R, a, b, tall, base)
+        for piece in clues.pieces:
+            found += _against_face(piece, R, a, b, tall)
     return found
 
 
@@ -45,20 +54,47 @@ def stable_poses(size: tuple[float, float, float]) -> list[tuple[NDArray[np.floa
     return kept
 
 
-def _on_top(top: Piece, R: NDArray[np.float64], a: float, b: float, tall: float, base: float) -> list[Hypothesis]:
-    xy = np.ascontiguousarray(top.points[:, :2])
-    yaws = _best_yaws(xy, a, b)
+def _on_top(layer: Layer, R: NDArray[np.float64], a: float, b: float, tall: float, base: float) -> list[Hypothesis]:
     found = []
-    for yaw in yaws:
+    for yaw in _best_yaws(layer.xy, a, b):
         c, s = np.cos(yaw), np.sin(yaw)
-        along, across = xy @ [c, s], xy @ [-s, c]
-        for x in _places(along, a):
-            for y in _places(across, b):
-                T = np.eye(4)
-                T[:3, :3] = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ R
-                T[:3, 3] = c * x - s * y, s * x + c * y, base + tall / 2
-                found.append(Hypothesis(T, base, top.support, turns=True))
+        along, across = layer.xy @ [c, s], layer.xy @ [-s, c]
+        found += [
+            _standing(c * x - s * y, s * x + c * y, yaw, R, base, tall, layer.support)
+            for x in _places(along, a)
+            for y in _places(across, b)
+        ]
     return found
+
+
+def _against_face(piece: Piece, R: NDArray[np.float64], a: float, b: float, tall: float) -> list[Hypothesis]:
+    """On the surface with one side in the plane of an upright piece: for boxes whose top is cut off or hidden."""
+    if len(piece.points) < FACE or np.hypot(*piece.normal[:2]) < UPRIGHT:
+        return []
+    if np.quantile(piece.points[:, 2], 0.9) > tall + 0.01:
+        return []
+    out = piece.normal[:2] / np.linalg.norm(piece.normal[:2])
+    side = np.array([-out[1], out[0]])
+    face = float(np.median(piece.points[:, :2] @ out))
+    found = []
+    for wide, deep, turn in ((b, a, 0.0), (a, b, np.pi / 2)):
+        seen = piece.points[:, :2] @ side
+        if np.ptp(seen) > wide + 0.015:
+            continue
+        for middle in _places(seen, wide):
+            x, y = (face - deep / 2) * out + middle * side
+            found.append(_standing(x, y, float(np.arctan2(out[1], out[0])) + turn, R, 0.0, tall, piece.support))
+    return found
+
+
+def _standing(
+    x: float, y: float, yaw: float, R: NDArray[np.float64], base: float, tall: float, support: int
+) -> Hypothesis:
+    c, s = np.cos(yaw), np.sin(yaw)
+    T = np.eye(4)
+    T[:3, :3] = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ R
+    T[:3, 3] = x, y, base + tall / 2
+    return Hypothesis(T, base, support, turns=True)
 
 
 def _places(values: NDArray[np.float64], side: float) -> list[float]:

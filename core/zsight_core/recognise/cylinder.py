@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from zsight_core.clues import Clues, Hypothesis, Piece
+from zsight_core.clues import Clues, Hypothesis, Layer, Piece
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -23,11 +23,11 @@ def hypotheses(shape: Cylinder, clues: Clues) -> list[Hypothesis]:
     """Standing cylinders from tops and from sides; lying ones from the ridge of their sides."""
     radius = shape.diameter / 2
     found: list[Hypothesis] = []
-    for top in clues.tops:
-        if len(top.points) < 6:
-            continue
-        for base in clues.bases(top, shape.height):
-            found += [_standing(xy, base, shape, top.support) for xy in _disc_places(top, radius, clues)]
+    for support in clues.supports():
+        for base in clues.bases(support):
+            for layer in clues.layers(base + shape.height, support):
+                if clues.is_carried(layer.xy.mean(axis=0), shape.diameter, base, support):
+                    found += [_standing(xy, base, shape, support) for xy in _disc_places(layer, radius, clues)]
     for piece in clues.segments + clues.pieces:
         if len(piece.points) < 12:
             continue
@@ -43,9 +43,9 @@ def _standing(xy: NDArray[np.float64], base: float, shape: Cylinder, support: in
     return Hypothesis(T, base, support, turns=False)
 
 
-def _disc_places(top: Piece, radius: float, clues: Clues) -> list[NDArray[np.float64]]:
+def _disc_places(top: Layer, radius: float, clues: Clues) -> list[NDArray[np.float64]]:
     """Centres of a disc that covers the top: its middle, and if only a part is seen, a radius behind its near rim."""
-    xy = top.points[:, :2]
+    xy = top.xy
     low, high = np.quantile(xy, 0.02, axis=0), np.quantile(xy, 0.98, axis=0)
     places = [(low + high) / 2]
     if (np.abs(high - low - 2 * radius) > 0.01).any():
@@ -66,13 +66,12 @@ def _from_side(piece: Piece, shape: Cylinder, clues: Clues) -> list[Hypothesis]:
     heights = piece.points[side, 2]
     xy = _behind(piece.points[side, :2], piece.normals[side, :2], shape.diameter / 2)
     found = []
-    if np.quantile(heights, 0.95) < shape.height + 0.012:
-        found.append(_standing(xy, 0.0, shape, piece.support))
-    low = float(np.quantile(heights, 0.05))
-    for other in clues.pieces:  # standing on another object
-        stands = other.is_level and other.support == piece.support and 0.012 < other.height < low + 0.012
-        if stands and np.abs(other.points[:, :2] - xy).max(axis=1).min() < shape.diameter:
-            found.append(_standing(xy, other.height, shape, piece.support))
+    low, high = np.quantile(heights, (0.05, 0.95))
+    for base in clues.bases(piece.support):
+        if base > low + 0.012 or high > base + shape.height + 0.012:
+            continue
+        if clues.is_carried(xy, shape.diameter, base, piece.support):
+            found.append(_standing(xy, base, shape, piece.support))
     return found
 
 

@@ -28,16 +28,9 @@ def hypotheses(shape: Sphere, clues: Clues) -> list[Hypothesis]:
         if near.sum() < 0.4 * len(centres):
             continue
         centre = np.median(centres[near], axis=0)
-        base = float(centre[2]) - radius
-        if base > 0.015:
-            levels = [p.height for p in clues.pieces if p.is_level and p.support == piece.support]
-            levels = [h for h in levels if abs(h - base) < 0.012]
-            if not levels:
-                continue
-            base = min(levels, key=lambda h: abs(h - base))
-        elif abs(base) < 0.015:
-            base = 0.0
-        else:
+        levels = [h for h in clues.bases(piece.support) if clues.is_carried(centre[:2], radius, h, piece.support)]
+        base = min(levels, key=lambda h: abs(h + radius - centre[2]))
+        if abs(base + radius - centre[2]) > 0.015:
             continue
         T = np.eye(4)
         T[:2, 3] = centre[:2]
