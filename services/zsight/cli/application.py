@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import typer
 
-from zsight.cli import catalog, cells, clouds, demonstrate, finding, nodes, running, topics
+from zsight.cli import benching, catalog, cells, clouds, demonstrate, finding, nodes, running, topics
 
 __all__ = ["app"]
 
@@ -33,6 +33,7 @@ app.add_typer(topics.app, name="topic")
 app.add_typer(nodes.app, name="node")
 app.add_typer(catalog.app, name="catalog")
 app.command()(running.warm)
+app.command()(benching.bench)
 
 
 @app.command()
