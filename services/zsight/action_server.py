@@ -184,7 +184,7 @@ class ActionServer(Generic[Goal, Result]):
             goal = decode(self._goal, request.payload)
         except ProtocolError as error:
             log.warning("refused a goal: %s", error)
-            request.close()
+            request.refuse(str(error))
             return
         known = self._admit(goal, request)
         if known is not None:

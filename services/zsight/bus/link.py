@@ -79,6 +79,9 @@ class RawRequest(Protocol):
     def reply(self, payload: bytes) -> None:
         """Send one reply; more may follow."""
 
+    def refuse(self, words: str) -> None:
+        """Say why there will be no reply, and close."""
+
     def close(self) -> None:
         """No reply follows: must be called, or the client waits until its time is over."""
 
@@ -94,6 +97,7 @@ class RawReplies(Protocol):
 
         Raises:
             TimeoutError: none came within timeout seconds.
+            RequestRefused: the server refused the request.
         """
 
     def close(self) -> None:

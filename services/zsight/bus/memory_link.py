@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from zsight.bus.link import Arrival, Closable, RequestHandler
+from zsight.errors import RequestRefused
 from zsight_protocol.channels import Delivery
 
 if TYPE_CHECKING:
@@ -193,12 +194,12 @@ class _Writer:
 class _Replies:
     def __init__(self, network: MemoryNetwork, servers: int) -> None:
         self._network = network
-        self._queue: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
+        self._queue: queue.SimpleQueue[bytes | Exception | None] = queue.SimpleQueue()
         self._open = servers
         if servers == 0:
             self._queue.put(None)
 
-    def put(self, payload: bytes) -> None:
+    def put(self, payload: bytes | Exception) -> None:
         self._queue.put(payload)
 
     def end_one(self) -> None:
@@ -210,9 +211,12 @@ class _Replies:
 
     def take(self, timeout: float) -> bytes | None:
         try:
-            return self._queue.get(timeout=max(timeout, 0.0))
+            entry = self._queue.get(timeout=max(timeout, 0.0))
         except queue.Empty:
             raise TimeoutError from None
+        if isinstance(entry, Exception):
+            raise entry
+        return entry
 
     def close(self) -> None:
         """Nobody is told."""
@@ -230,6 +234,12 @@ class _Request:
         with self._lock:
             if self._open:
                 self._replies.put(payload)
+
+    def refuse(self, words: str) -> None:
+        with self._lock:
+            if self._open:
+                self._replies.put(RequestRefused(words))
+        self.close()
 
     def close(self) -> None:
         with self._lock:

@@ -12,7 +12,7 @@ import zenoh
 from zenoh import ext, handlers, shm
 
 from zsight.bus.link import Arrival, Closable, RequestHandler
-from zsight.errors import ConnectionLost, UsageError
+from zsight.errors import ConnectionLost, RequestRefused, UsageError
 from zsight_protocol.channels import Delivery
 
 if TYPE_CHECKING:
@@ -28,6 +28,7 @@ log = logging.getLogger(__name__)
 _SHARED_FROM = 64 * 1024  # smaller payloads travel faster inside a message than as a reference to shared memory
 _POOL = 64 * 1024 * 1024  # address space, not memory: pages come into being as clouds fill them
 _CLOUDS_IN_POOL = 6
+_REFUSED = b"refused: "  # tells our servers' words from Zenoh's own error replies
 
 
 def open_link(network: Network, *, mode: str = "client") -> ZenohLink:
@@ -133,7 +134,7 @@ class ZenohLink:
 
     def serve(self, key: str, handler: RequestHandler) -> Closable:
         """Answer requests."""
-        direct: Any = handlers.Callback(lambda query: handler(_ZenohRequest(query)), indirect=False)
+        direct: Any = handlers.Callback(lambda query: handler(_ZenohRequest(query, key)), indirect=False)
         queryable = self._session.declare_queryable(key, direct, complete=True)
         return Closable(lambda: self._undeclare(queryable))
 
@@ -245,14 +246,20 @@ class _Pool:
 
 
 class _ZenohRequest:
-    def __init__(self, query: zenoh.Query) -> None:
+    def __init__(self, query: zenoh.Query, served: str) -> None:
         self._query = query
         payload = query.payload
         self.payload = payload.to_bytes() if payload is not None else b""
         self.key = str(query.key_expr)
+        # A reply needs a key without wildcards: the one that was asked, or the one that is served.
+        self._reply_key = self.key if "*" not in self.key else served.replace("*", "_")
 
     def reply(self, payload: bytes) -> None:
-        self._query.reply(self.key, payload, priority=zenoh.Priority.REAL_TIME, express=True)
+        self._query.reply(self._reply_key, payload, priority=zenoh.Priority.REAL_TIME, express=True)
+
+    def refuse(self, words: str) -> None:
+        self._query.reply_err(_REFUSED + words.encode())
+        self.close()
 
     def close(self) -> None:
         self._query.drop()
@@ -260,7 +267,7 @@ class _ZenohRequest:
 
 class _ZenohReplies:
     def __init__(self, session: zenoh.Session, key: str, payload: bytes, timeout: float, *, everyone: bool) -> None:
-        self._queue: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
+        self._queue: queue.SimpleQueue[bytes | Exception | None] = queue.SimpleQueue()
         self._cancel = zenoh.CancellationToken()
         session.get(
             key,
@@ -275,18 +282,25 @@ class _ZenohReplies:
         )
 
     def _arrived(self, reply: zenoh.Reply) -> None:
-        # An error reply is Zenoh's own word for a timeout; the caller has its own clock.
         if reply.ok is not None:
             self._queue.put(reply.ok.payload.to_bytes())
+        elif reply.err is not None:
+            # Other error replies are Zenoh's own word for a timeout; the caller has its own clock.
+            words = reply.err.payload.to_bytes()
+            if words.startswith(_REFUSED):
+                self._queue.put(RequestRefused(words.removeprefix(_REFUSED).decode("utf-8", "replace")))
 
     def _ended(self) -> None:
         self._queue.put(None)
 
     def take(self, timeout: float) -> bytes | None:
         try:
-            return self._queue.get(timeout=max(timeout, 0.0))
+            entry = self._queue.get(timeout=max(timeout, 0.0))
         except queue.Empty:
             raise TimeoutError from None
+        if isinstance(entry, Exception):
+            raise entry
+        return entry
 
     def close(self) -> None:
         self._cancel.cancel()
