@@ -90,8 +90,10 @@ class FindObject:
     def start_reading(self) -> None:
         """Keep the newest cloud and all transforms, on threads that end with the bus."""
         threading.Thread(target=self._read_clouds, args=(self._clouds,), name="clouds", daemon=True).start()
-        for reader in (self._static, self._moving):
-            threading.Thread(target=self._read_transforms, args=(reader,), name="transforms", daemon=True).start()
+        for reader, static in ((self._static, True), (self._moving, False)):
+            threading.Thread(
+                target=self._read_transforms, args=(reader, static), name="transforms", daemon=True
+            ).start()
 
     def _read_clouds(self, reader: Reader[PointCloud2]) -> None:
         for cloud in reader:
@@ -99,9 +101,9 @@ class FindObject:
                 self._newest = (cloud, time.monotonic())
                 self._came.notify_all()
 
-    def _read_transforms(self, reader: Reader[TransformList]) -> None:
+    def _read_transforms(self, reader: Reader[TransformList], static: bool) -> None:
         for transforms in reader:
-            self._buffer.put(transforms)
+            self._buffer.put(transforms, static=static)
 
     # The action.
 
@@ -214,7 +216,7 @@ class FindObject:
         """The frame of the answer, and where the camera is in it: the goal's, else the root above the camera."""
         camera = cloud.header.frame_id
         frame = goal.frame_id or self._buffer.root_of(camera)
-        return frame, self._buffer.lookup(frame, camera)
+        return frame, self._buffer.lookup(frame, camera, cloud.header.stamp.ns)
 
     def _scene_of(
         self,
@@ -237,7 +239,7 @@ class FindObject:
         """Where the camera is in the world, if the world is known: its z is up."""
         camera = cloud.header.frame_id
         root = self._buffer.root_of(camera)
-        return None if root == camera else self._buffer.lookup(root, camera)
+        return None if root == camera else self._buffer.lookup(root, camera, cloud.header.stamp.ns)
 
     def _no_answer(self, code: ResultCode, message: str, *, deadline_passed: bool = False) -> FindObjectResult:
         return FindObjectResult(

@@ -82,7 +82,7 @@ def draw_live(bus: Bus, result: FindObjectResult, path: Path, camera: str = "kin
         raise DeadlinePassed(f"no cloud on {clouds.counter.key} within {_SOON:g} s: no picture was drawn")
     buffer = TransformBuffer()
     while (transforms := static.take(0.05)) is not None:
-        buffer.put(transforms.message)
+        buffer.put(transforms.message, static=True)
     cloud = received.message
     T_frame_camera = buffer.lookup(result.header.frame_id or cloud.header.frame_id, cloud.header.frame_id)
     types = object_catalogue.load(object_catalogue.shipped_folder())

@@ -40,7 +40,7 @@ def take_snapshot(bus: Bus, key: str, timeout: float) -> Snapshot | None:
         return None
     buffer = TransformBuffer()
     while (transforms := static.take(_TRANSFORMS_WAIT)) is not None:
-        buffer.put(transforms.message)
+        buffer.put(transforms.message, static=True)
     cloud = received.message
     return Snapshot(
         points_of(cloud), cloud.header.stamp, cloud.header.frame_id, _viewpoint(buffer, cloud.header.frame_id)

@@ -1,15 +1,18 @@
-"""The transform buffer: where every frame is, as far as this process has heard."""
+"""The transform buffer: where every frame is and was, as far as this process has heard."""
 
 from __future__ import annotations
 
+import bisect
 import threading
-from dataclasses import dataclass
+from collections import deque
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from zsight.convert import matrix_of
 from zsight.errors import ZsightError
+from zsight_core.interpolation import interpolate
 from zsight_core.transform import inverse
 
 if TYPE_CHECKING:
@@ -19,32 +22,70 @@ if TYPE_CHECKING:
 
 __all__ = ["TransformBuffer", "TransformUnknown"]
 
+_HISTORY_NS = 10 * 10**9  # how long a moving transform is remembered
+
 
 class TransformUnknown(ZsightError):
-    """No chain of transforms leads from one frame to another; the message says which link is missing."""
+    """A transform cannot be told: a link is missing, or the time is before or after all that was heard."""
 
     exit_code = 2
 
 
-@dataclass(frozen=True)
+@dataclass
 class _Link:
+    """How a child sits in its parent: always the same, or at certain times, in order."""
+
     parent: str
-    T_parent_child: NDArray[np.float64]
+    static: NDArray[np.float64] | None = None
+    times: deque[int] = field(default_factory=deque)
+    matrices: deque[NDArray[np.float64]] = field(default_factory=deque)
+
+    def put(self, stamp_ns: int, T_parent_child: NDArray[np.float64]) -> None:
+        place = bisect.bisect_right(self.times, stamp_ns)
+        self.times.insert(place, stamp_ns)
+        self.matrices.insert(place, T_parent_child)
+        while self.times[-1] - self.times[0] > _HISTORY_NS:
+            self.times.popleft()
+            self.matrices.popleft()
+
+    def at(self, stamp_ns: int | None, child: str) -> NDArray[np.float64]:
+        if self.static is not None:
+            return self.static
+        if stamp_ns is None:
+            return self.matrices[-1]
+        early, late = self.times[0] - stamp_ns, stamp_ns - self.times[-1]
+        if early > 0 or late > 0:
+            side, gap = ("before the oldest", early) if early > 0 else ("after the newest", late)
+            words = f"the time asked for is {gap / 1e9:.3f} s {side} transform from {child} to {self.parent}"
+            raise TransformUnknown(f"{words}: are the hosts' clocks together? See: zsight node list")
+        after = bisect.bisect_left(self.times, stamp_ns)
+        if self.times[after] == stamp_ns:
+            return self.matrices[after]
+        before = after - 1
+        fraction = (stamp_ns - self.times[before]) / (self.times[after] - self.times[before])
+        return interpolate(self.matrices[before], self.matrices[after], fraction)
 
 
 class TransformBuffer:
-    """Transforms by child frame; thread-safe."""
+    """A tree of frames with time; thread-safe."""
 
     def __init__(self) -> None:
         """No frame is known yet."""
         self._links: dict[str, _Link] = {}
         self._lock = threading.Lock()
 
-    def put(self, transforms: TransformList) -> None:
-        """Take in transforms; a newer one replaces its child's earlier one."""
+    def put(self, transforms: TransformList, *, static: bool = False) -> None:
+        """Take in transforms; a static one holds for all times and replaces what was known of its child."""
         with self._lock:
             for entry in transforms.transforms:
-                self._links[entry.child_frame_id] = _Link(entry.header.frame_id, matrix_of(entry.transform))
+                child, parent, T = entry.child_frame_id, entry.header.frame_id, matrix_of(entry.transform)
+                if static:
+                    self._links[child] = _Link(parent, static=T)
+                    continue
+                link = self._links.get(child)
+                if link is None or link.parent != parent or link.static is not None:
+                    link = self._links[child] = _Link(parent)
+                link.put(entry.header.stamp.ns, T)
 
     def frames(self) -> set[str]:
         """All frames that were heard of."""
@@ -53,29 +94,36 @@ class TransformBuffer:
 
     def root_of(self, frame: str) -> str:
         """The last parent above a frame; the frame itself where none is known."""
-        return self._up(frame)[-1][0]
+        return self._ancestors(frame)[-1]
 
-    def lookup(self, target: str, source: str) -> NDArray[np.float64]:
-        """T_target_source (4, 4).
+    def lookup(self, target: str, source: str, stamp_ns: int | None = None) -> NDArray[np.float64]:
+        """T_target_source (4, 4) at a time (ns since the epoch), or with the newest of every link where none is given.
 
         Raises:
-            TransformUnknown: no chain leads from source to target.
+            TransformUnknown: no chain leads from source to target, or a link is not known at that time; says which.
         """
-        T_root_source = dict(self._up(source))
-        T_target_frame = {frame: inverse(T) for frame, T in self._up(target)}
-        for frame, T_frame_source in T_root_source.items():
-            if frame in T_target_frame:
-                return T_target_frame[frame] @ T_frame_source
-        known = ", ".join(sorted(self.frames())) or "none"
-        ends = f"{source} leads up to {list(T_root_source)[-1]}, {target} to {list(T_target_frame)[-1]}"
-        raise TransformUnknown(f"no transform from {source} to {target}: {ends}; known frames: {known}")
+        above_source, above_target = self._ancestors(source), self._ancestors(target)
+        common = next((frame for frame in above_source if frame in above_target), None)
+        if common is None:
+            known = ", ".join(sorted(self.frames())) or "none"
+            ends = f"{source} leads up to {above_source[-1]}, {target} to {above_target[-1]}"
+            raise TransformUnknown(f"no transform from {source} to {target}: {ends}; known frames: {known}")
+        T_common_source = self._chain(above_source[: above_source.index(common)], stamp_ns)
+        T_common_target = self._chain(above_target[: above_target.index(common)], stamp_ns)
+        return inverse(T_common_target) @ T_common_source
 
-    def _up(self, frame: str) -> list[tuple[str, NDArray[np.float64]]]:
-        """Every frame from this one to its root, with T_ancestor_frame."""
+    def _ancestors(self, frame: str) -> list[str]:
+        """The frame, its parent, and so on up to its root."""
         with self._lock:
-            chain = [(frame, np.eye(4))]
-            while chain[-1][0] in self._links and len(chain) <= len(self._links):
-                name, T = chain[-1]
-                link = self._links[name]
-                chain.append((link.parent, link.T_parent_child @ T))
+            chain = [frame]
+            while (link := self._links.get(chain[-1])) is not None and link.parent not in chain:
+                chain.append(link.parent)
             return chain
+
+    def _chain(self, frames: list[str], stamp_ns: int | None) -> NDArray[np.float64]:
+        """T (4, 4) from the first of some frames to the parent of the last."""
+        T = np.eye(4)
+        with self._lock:
+            for frame in frames:
+                T = self._links[frame].at(stamp_ns, frame) @ T
+        return T
