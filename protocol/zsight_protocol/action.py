@@ -25,7 +25,9 @@ __all__ = [
     "GoalState",
     "GoalStatus",
     "GoalStatusList",
+    "ResultRequest",
     "Update",
+    "UpdateList",
     "move",
     "new_goal_id",
 ]
@@ -94,7 +96,20 @@ class Update(Message, Generic[Result]):
     final: bool
     stage: str = ""
     fraction: Annotated[Float64, Field(ge=0, le=1)] = 0.0
+    server: str = ""
     result: Result | None = None
+
+
+class ResultRequest(Message):
+    """Ask how one goal stands or ended, or all goals that the server remembers where goal_id is none."""
+
+    goal_id: GoalId | None = None
+
+
+class UpdateList(Message, Generic[Result]):
+    """The last update of each goal asked for, oldest first."""
+
+    updates: Annotated[tuple[Update[Result], ...], Strict(False)] = ()
 
 
 class CancelRequest(Message):

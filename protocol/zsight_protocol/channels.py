@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
-from zsight_protocol.action import CancelRequest, GoalStatusList, Update
+from zsight_protocol.action import CancelRequest, GoalStatusList, ResultRequest, Update
 from zsight_protocol.camera_info import CameraInfo
 from zsight_protocol.errors import KeyNameError
 from zsight_protocol.find_object import FindObjectGoal, FindObjectResult
@@ -55,6 +55,7 @@ CHANNELS = (
     Channel("tf_static", TransformList, Delivery.LATCHED),
     Channel("find_object/*", FindObjectGoal, Delivery.REQUEST),
     Channel("find_object/*/cancel", CancelRequest, Delivery.REQUEST),
+    Channel("find_object/*/result", ResultRequest, Delivery.REQUEST),
     Channel("find_object/*/status", GoalStatusList, Delivery.LATCHED),
     Channel("find_object/*/feedback", Update[FindObjectResult], Delivery.EVERY),
     Channel("catalog/*", CatalogRequest, Delivery.REQUEST),
@@ -172,12 +173,16 @@ class Cell:
         return self._key("find_object", _name_or_any(finder, "finder"))
 
     def cancel(self, finder: str) -> str:
-        """Cancel requests of one finder."""
-        return self._key("find_object", require_name(finder, "finder"), "cancel")
+        """Cancel requests of one finder; '*' for all."""
+        return self._key("find_object", finder if finder == "*" else require_name(finder, "finder"), "cancel")
+
+    def result(self, finder: str) -> str:
+        """Requests for results that a finder keeps; '*' for all."""
+        return self._key("find_object", finder if finder == "*" else require_name(finder, "finder"), "result")
 
     def status(self, finder: str) -> str:
-        """Goals that a finder holds."""
-        return self._key("find_object", require_name(finder, "finder"), "status")
+        """Goals that a finder holds; '*' for all."""
+        return self._key("find_object", finder if finder == "*" else require_name(finder, "finder"), "status")
 
     def feedback(self, finder: str) -> str:
         """Updates of all goals of a finder, for watchers."""

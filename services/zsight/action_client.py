@@ -7,7 +7,7 @@ import time
 from typing import TYPE_CHECKING, Generic, TypeVar
 
 from zsight.errors import DeadlinePassed, NobodyAnswers, ServerLost
-from zsight_protocol.action import CancelRequest, CancelResponse, Update
+from zsight_protocol.action import CancelCode, CancelRequest, CancelResponse, Update
 from zsight_protocol.codec import decode, encode
 from zsight_protocol.errors import ProtocolError
 from zsight_protocol.message import Message
@@ -27,14 +27,18 @@ _MARGIN = 0.5  # seconds beyond the goal's own deadline, in which the server's w
 class GoalCall(Generic[Result]):
     """A goal that was sent: iterate over its updates, or wait for its result."""
 
-    def __init__(self, bus: Bus, key: str, goal: Message, goal_id: str, result: type[Result], timeout: float) -> None:
-        """Args: bus; key of the server; goal and its id; kind of its result; seconds the goal allows."""
+    def __init__(
+        self, bus: Bus, keys: tuple[str, str], goal: Message, goal_id: str, result: type[Result], timeout: float
+    ) -> None:
+        """Args: bus; keys of the server's goals and cancels; goal and its id; kind of its result; seconds it allows."""
         self.goal_id = goal_id
-        self._key = key
+        self.server = ""
+        self._bus = bus
+        self._key, self._cancel_key = keys
         self._kind: type[Update[Result]] = Update[result]  # type: ignore[valid-type]  # a class made at run time
         self._deadline = time.monotonic() + timeout + _MARGIN
         self._timeout = timeout
-        self._replies = bus.ask(key, encode(goal), timeout + 2 * _MARGIN)
+        self._replies = bus.ask(self._key, encode(goal), timeout + 2 * _MARGIN)
         self._final: Update[Result] | None = None
         self._heard = False
         self._lock = threading.Lock()
@@ -65,9 +69,14 @@ class GoalCall(Generic[Result]):
             except ProtocolError as error:
                 self._replies.close()
                 raise ServerLost(f"{self._key} answered with something else than an update: {error}") from None
+            self.server = update.server
             if update.final:
                 self._final = update
             return update
+
+    def cancel(self) -> CancelResponse:
+        """Ask the server to stop working on the goal; its answer still comes, as cancelled."""
+        return cancel(self._bus, self._cancel_key, self.goal_id)
 
     def _loss(self) -> Exception:
         if not self._heard:
@@ -84,17 +93,24 @@ class GoalCall(Generic[Result]):
 
 
 def cancel(bus: Bus, key: str, goal_id: str | None, timeout: float = 1.0) -> CancelResponse:
-    """Ask a server to cancel one goal, or all; key is that of its cancel requests.
+    """Ask the servers on a key to cancel one goal, or all; key is that of cancel requests and may hold a wildcard.
+
+    Returns:
+        The server's word; of several servers' the one that knows the goal, with the goals of all.
 
     Raises:
         NobodyAnswers: no server is there.
-        DeadlinePassed: it does not answer.
+        DeadlinePassed: none answers.
     """
-    replies = bus.ask(key, encode(CancelRequest(goal_id=goal_id)), timeout)
+    replies = bus.ask(key, encode(CancelRequest(goal_id=goal_id)), timeout, everyone="*" in key)
+    responses: list[CancelResponse] = []
     try:
-        payload = replies.take(timeout)
+        while (payload := replies.take(timeout)) is not None:
+            responses.append(decode(CancelResponse, payload))
     except TimeoutError:
         raise DeadlinePassed(f"no answer from {key} within {timeout:g} s") from None
-    if payload is None:
+    if not responses:
         raise NobodyAnswers(f"nobody answers on {key}: is the service running? See: zsight node list")
-    return decode(CancelResponse, payload)
+    known = [response for response in responses if response.code is not CancelCode.UNKNOWN_GOAL] or responses
+    best = min(known, key=lambda response: response.code)
+    return CancelResponse(code=best.code, goals=tuple(goal for response in responses for goal in response.goals))

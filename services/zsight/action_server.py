@@ -23,7 +23,9 @@ from zsight_protocol.action import (
     GoalState,
     GoalStatus,
     GoalStatusList,
+    ResultRequest,
     Update,
+    UpdateList,
     move,
 )
 from zsight_protocol.codec import decode, encode
@@ -161,6 +163,7 @@ class ActionServer(Generic[Goal, Result]):
             worker.start()
         self._servers = [
             bus.serve(bus.cell.cancel(name), self._cancel_asked),
+            bus.serve(bus.cell.result(name), self._result_asked),
             bus.serve(bus.cell.find_object(name), self._goal_asked),
         ]
         self._tell_status()
@@ -258,6 +261,22 @@ class ActionServer(Generic[Goal, Result]):
             self._tell(handle)
         return CancelResponse(code=CancelCode.NONE, goals=tuple(handle.goal_id for handle in stopped))
 
+    # Somebody asks for results that are kept.
+
+    def _result_asked(self, request: RawRequest) -> None:
+        try:
+            wanted = decode(ResultRequest, request.payload).goal_id
+        except ProtocolError as error:
+            log.warning("refused a request for results: %s", error)
+            request.refuse(str(error))
+            return
+        with self._changed:
+            self._forget_old()
+            handles = [h for h in self._goals.values() if wanted in (None, h.goal_id)]
+            updates = tuple(self._update(handle) for handle in handles)
+        request.reply(encode(UpdateList(updates=updates)))
+        request.close()
+
     # The workers.
 
     def _run_goals(self) -> None:
@@ -312,6 +331,7 @@ class ActionServer(Generic[Goal, Result]):
             final=handle.state in ENDED,
             stage=handle.stage,
             fraction=handle.fraction,
+            server=self._name,
             result=handle.result,
         )
 

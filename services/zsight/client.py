@@ -3,29 +3,50 @@
 from __future__ import annotations
 
 import contextlib
-from typing import TYPE_CHECKING
+import threading
+import time
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
 
 from zsight.action_client import GoalCall
 from zsight.action_client import cancel as cancel_goal
+from zsight.beats import ask_health
 from zsight.bus import Bus
 from zsight.bus.zenoh_link import open_link
-from zsight.errors import DeadlinePassed, GoalCancelled, NobodyAnswers, RequestRefused, ServerBusy
+from zsight.convert import points_of
+from zsight.errors import (
+    DeadlinePassed,
+    GoalCancelled,
+    NobodyAnswers,
+    RequestRefused,
+    ServerBusy,
+    ServerLost,
+    ZsightError,
+)
+from zsight.merging import MergedObject, merge
 from zsight.network import Network
-from zsight_protocol.action import GoalState, new_goal_id
+from zsight_protocol.action import GoalState, ResultRequest, Update, UpdateList, new_goal_id
 from zsight_protocol.channels import Cell as Keys
 from zsight_protocol.codec import decode, encode
 from zsight_protocol.find_object import Capture, FindObjectGoal, FindObjectResult, ResultCode
 from zsight_protocol.geometry import Plane, Region
+from zsight_protocol.message import Message
 from zsight_protocol.object_type import CatalogAnswer, CatalogRequest
 from zsight_protocol.point_cloud import PointCloud2
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from zsight_protocol.action import CancelResponse, Update
+    from zsight_protocol.action import CancelResponse
     from zsight_protocol.object_type import ObjectType
 
-__all__ = ["CellClient", "connect"]
+__all__ = ["Catalog", "CellClient", "Cloud", "answer_of", "connect"]
+
+ANY = "*"
+"""Any finder: the network chooses the best match."""
+
+_REQUEST_TIMEOUT = 2.0  # seconds for questions that are answered at once
 
 
 def connect(endpoint: str | None = None, *, namespace: str | None = None) -> CellClient:
@@ -44,12 +65,37 @@ def connect(endpoint: str | None = None, *, namespace: str | None = None) -> Cel
     return CellClient(Bus(open_link(network), Keys(namespace or network.namespace)))
 
 
+class Cloud(np.ndarray[Any, np.dtype[np.void]]):
+    """A cloud as a numpy view: one record a point, shape (height, width), fields ``x y z`` in metres and others.
+
+    Attributes:
+        stamp_ns: when the sensor measured it, nanoseconds since the epoch.
+        frame_id: the frame of its coordinates.
+    """
+
+    stamp_ns: int
+    frame_id: str
+
+    @classmethod
+    def of(cls, message: PointCloud2) -> Cloud:
+        """A view of a message; nothing is copied."""
+        cloud = points_of(message).view(cls)
+        cloud.stamp_ns, cloud.frame_id = message.header.stamp.ns, message.header.frame_id
+        return cloud
+
+    def __array_finalize__(self, source: object) -> None:
+        """Slices keep the stamp and the frame."""
+        self.stamp_ns = getattr(source, "stamp_ns", 0)
+        self.frame_id = getattr(source, "frame_id", "")
+
+
 class CellClient:
-    """A cell as a program sees it; a context manager, no global state."""
+    """A cell as a program sees it; a context manager, no global state, usable from several threads."""
 
     def __init__(self, bus: Bus) -> None:
         """Args: bus, closed with the client."""
         self.bus = bus
+        self.catalog = Catalog(bus)
 
     def __enter__(self) -> CellClient:
         """The client itself."""
@@ -67,7 +113,7 @@ class CellClient:
         self,
         object_type: str,
         *,
-        finder: str = "finder",
+        finder: str = ANY,
         frame: str = "",
         known_height: float | None = None,
         region: Region | None = None,
@@ -86,14 +132,15 @@ class CellClient:
             maximum=maximum,
             timeout=timeout,
         )
-        key = self.bus.cell.find_object(finder)
-        return GoalCall(self.bus, key, goal, goal.goal_id, FindObjectResult, timeout)
+        cell = self.bus.cell
+        keys = (cell.find_object(finder), cell.cancel(finder))
+        return GoalCall(self.bus, keys, goal, goal.goal_id, FindObjectResult, timeout)
 
     def find(
         self,
         object_type: str,
         *,
-        finder: str = "finder",
+        finder: str = ANY,
         frame: str = "",
         known_height: float | None = None,
         region: Region | None = None,
@@ -101,12 +148,13 @@ class CellClient:
         maximum: int = 1,
         timeout: float = 10.0,
         on_update: Callable[[Update[FindObjectResult]], None] = lambda _: None,
+        retry: bool = False,
     ) -> FindObjectResult:
         """Find an object.
 
         Args:
             object_type: catalogue name, or the book's number as text.
-            finder: which finder is asked.
+            finder: which finder is asked; left out: the best match.
             frame: frame of the answer; empty: the world where it is known, else the camera's.
             known_height: height of the support surface along that frame's z, metres, where it is known.
             region: only what lies inside, in that frame.
@@ -114,6 +162,7 @@ class CellClient:
             maximum: most objects; 0 for all.
             timeout: seconds.
             on_update: called with every update.
+            retry: ask another finder once where the first one dies or is busy.
 
         Returns:
             The answer: found, not_found or cannot_tell.
@@ -126,6 +175,7 @@ class CellClient:
             NobodyAnswers: no finder of this name is there.
             ServerLost: it died or was cut off meanwhile.
         """
+        started = time.monotonic()
         call = self.start_find(
             object_type,
             finder=finder,
@@ -136,17 +186,78 @@ class CellClient:
             maximum=maximum,
             timeout=timeout,
         )
-        return answer_of(call.wait(on_update))
+        try:
+            return answer_of(call.wait(on_update))
+        except (ServerLost, ServerBusy):
+            left = timeout - (time.monotonic() - started)
+            others = [name for name in self.finders() if name != call.server] if retry and left > 0 else []
+            if not others:
+                raise
+        return self.find(
+            object_type,
+            finder=others[0],
+            frame=frame,
+            known_height=known_height,
+            region=region,
+            capture=capture,
+            maximum=maximum,
+            timeout=left,
+            on_update=on_update,
+        )
 
-    def cancel(self, goal_id: str | None = None, *, finder: str = "finder") -> CancelResponse:
-        """Cancel one goal of a finder, or all."""
+    def find_all(self, object_type: str, *, frame: str = "", timeout: float = 10.0) -> list[MergedObject]:
+        """Ask every finder for all instances, and join what they say of the same physical object.
+
+        Args:
+            object_type: as for ``find``.
+            frame: frame of the answers; with several cameras give one that all know, such as the world's.
+            timeout: seconds.
+
+        Returns:
+            Objects, the most probable first, each with who found it and what others say of its place.
+
+        Raises:
+            NobodyAnswers: no finder is there.
+            ZsightError: no finder gave an answer; the first one's reason.
+        """
+        names = self.finders()
+        if not names:
+            raise NobodyAnswers("no finder is there: start one with: zsight up")
+        calls = [self.start_find(object_type, finder=n, frame=frame, maximum=0, timeout=timeout) for n in names]
+        results: list[FindObjectResult] = []
+        failures: list[ZsightError] = []
+        for call in calls:
+            try:
+                results.append(answer_of(call.wait()))
+            except ZsightError as error:
+                failures.append(error)
+        if not results:
+            raise failures[0]
+        return merge(results)
+
+    def finders(self) -> list[str]:
+        """Names of all finders that are there."""
+        prefix, suffix = self.bus.cell.status(ANY).split(ANY)
+        keys = {writer.key for beat in ask_health(self.bus) for writer in beat.writers}
+        return sorted(k[len(prefix) : -len(suffix)] for k in keys if k.startswith(prefix) and k.endswith(suffix))
+
+    def cancel(self, goal_id: str | None = None, *, finder: str = ANY) -> CancelResponse:
+        """Cancel one goal, or all goals, of a finder or of all."""
         return cancel_goal(self.bus, self.bus.cell.cancel(finder), goal_id)
 
-    def clouds(self, camera: str = "kinect", *, timeout: float | None = None) -> Iterator[PointCloud2]:
-        """The newest cloud of a camera, again and again; ends when none came for timeout seconds."""
-        with contextlib.closing(self.bus.reader(self.bus.cell.points(camera), PointCloud2)) as reader:
+    def results(self, goal_id: str | None = None, *, finder: str = ANY) -> list[Update[FindObjectResult]]:
+        """How goals of the last minute stand or ended: one, or all of them, oldest first."""
+        kind: type[UpdateList[FindObjectResult]] = UpdateList[FindObjectResult]
+        key = self.bus.cell.result(finder)
+        answers = _ask(self.bus, key, ResultRequest(goal_id=goal_id), kind, everyone=finder == ANY)
+        return [update for answer in answers for update in answer.updates]
+
+    def clouds(self, key: str = "kinect/points", *, timeout: float | None = None) -> Iterator[Cloud]:
+        """The newest cloud on a key of the cell, again and again; ends when none came for timeout seconds."""
+        full = f"{self.bus.cell.namespace}/{key}"
+        with contextlib.closing(self.bus.reader(full, PointCloud2)) as reader:
             while (received := reader.take(timeout)) is not None:
-                yield received.message
+                yield Cloud.of(received.message)
 
     def select(self, patch: PointCloud2, camera: str = "kinect", *, timeout: float = 5.0) -> Plane:
         """The plane of a patch of a camera's cloud, found by the planes service.
@@ -166,38 +277,57 @@ class CellClient:
             raise DeadlinePassed(f"no plane within {timeout:g} s: see the log of the planes service")
         return received.message
 
-    def catalogue(self) -> list[ObjectType]:
-        """All types that the finders know."""
-        return list(self._ask_catalogue(CatalogRequest(action="list"), "*").types)
 
-    def object_type(self, name: str) -> ObjectType:
+class Catalog:
+    """The object types that the finders of a cell know."""
+
+    def __init__(self, bus: Bus) -> None:
+        """Args: bus of the cell."""
+        self._bus = bus
+
+    def list(self) -> list[ObjectType]:
+        """All types."""
+        return [*self._ask(CatalogRequest(action="list"), ANY).types]
+
+    def get(self, name: str) -> ObjectType:
         """One type by name or number.
 
         Raises:
             RequestRefused: it is not known.
         """
-        return self._ask_catalogue(CatalogRequest(action="get", name=name), name).types[0]
+        return self._ask(CatalogRequest(action="get", name=name), name).types[0]
 
-    def add_type(self, kind: ObjectType) -> str:
+    def add(self, kind: ObjectType) -> str:
         """Add a type, or change the one of its name; what the finder says."""
-        return self._ask_catalogue(CatalogRequest(action="put", type=kind), kind.name).message
+        return self._ask(CatalogRequest(action="put", type=kind), kind.name).message
 
-    def remove_type(self, name: str) -> str:
+    def remove(self, name: str) -> str:
         """Remove a type; what the finder says."""
-        return self._ask_catalogue(CatalogRequest(action="delete", name=name), name).message
+        return self._ask(CatalogRequest(action="delete", name=name), name).message
 
-    def _ask_catalogue(self, request: CatalogRequest, name: str, timeout: float = 2.0) -> CatalogAnswer:
-        replies = self.bus.ask(self.bus.cell.catalog(name), encode(request), timeout)
-        try:
-            payload = replies.take(timeout)
-        except TimeoutError:
-            raise DeadlinePassed(f"the catalogue does not answer within {timeout:g} s") from None
-        if payload is None:
+    def _ask(self, request: CatalogRequest, name: str) -> CatalogAnswer:
+        answers = _ask(self._bus, self._bus.cell.catalog(name), request, CatalogAnswer, everyone=False)
+        if not answers:
             raise NobodyAnswers("nobody serves a catalogue: start a finder with: zsight up")
-        reply = decode(CatalogAnswer, payload)
-        if not reply.ok:
-            raise RequestRefused(reply.message)
-        return reply
+        if not answers[0].ok:
+            raise RequestRefused(answers[0].message)
+        return answers[0]
+
+
+M = TypeVar("M", bound=Message)
+
+
+def _ask(bus: Bus, key: str, request: Message, kind: type[M], *, everyone: bool) -> list[M]:
+    """Every answer to a question that is answered at once."""
+    replies = bus.ask(key, encode(request), _REQUEST_TIMEOUT, everyone=everyone)
+    answers: list[M] = []
+    try:
+        while (payload := replies.take(_REQUEST_TIMEOUT)) is not None:
+            answers.append(decode(kind, payload))
+    except TimeoutError:
+        replies.close()
+        raise DeadlinePassed(f"no answer on {key} within {_REQUEST_TIMEOUT:g} s") from None
+    return answers
 
 
 def answer_of(update: Update[FindObjectResult]) -> FindObjectResult:
@@ -217,10 +347,7 @@ def answer_of(update: Update[FindObjectResult]) -> FindObjectResult:
 
 
 def _soon(happened: Callable[[], bool], timeout: float) -> bool:
-    """Whether something happens within timeout seconds; a matching writer is known at once or after a round trip."""
-    import threading
-    import time
-
+    """Whether something happens within timeout seconds; a matching reader is known at once or after a round trip."""
     pause, deadline = threading.Event(), time.monotonic() + timeout
     while not happened():
         if time.monotonic() >= deadline:

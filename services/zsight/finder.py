@@ -16,7 +16,7 @@ from zsight.catalogue_server import serve_catalogue
 from zsight.convert import points_of
 from zsight.errors import UsageError, ZsightError
 from zsight.settings import Settings as ServiceSettings
-from zsight.transforms import TransformBuffer
+from zsight.transforms import TransformBuffer, TransformUnknown
 from zsight_core import find as find_core
 from zsight_core import scene as scene_core
 from zsight_core.errors import CoreError
@@ -38,6 +38,7 @@ __all__ = ["FindObject", "Settings", "run"]
 log = logging.getLogger(__name__)
 
 _WAIT_STEP = 0.02  # seconds between two looks at the goal's deadline while it waits for a cloud
+_TRANSFORM_PATIENCE = 0.3  # seconds that a cloud waits for the transforms of its time
 
 
 class Settings(ServiceSettings):
@@ -145,7 +146,7 @@ class FindObject:
         if cloud is None:
             return self._no_cloud(handle)
         waited = time.monotonic() - started
-        frame, T_frame_camera = self._frame_for(goal, cloud)
+        frame, T_frame_camera = self._frame_for(handle, cloud)
         kind = self._catalogue.resolve(goal.object_type)
         scene = self._scene_of(cloud, goal.known_height, handle)
         answer = finding.find(
@@ -212,11 +213,24 @@ class FindObject:
         log.warning("goal %s: %s", handle.goal_id, words)
         return self._no_answer(ResultCode.NOT_FOUND, words)
 
-    def _frame_for(self, goal: FindObjectGoal, cloud: PointCloud2) -> tuple[str, NDArray[np.float64]]:
-        """The frame of the answer, and where the camera is in it: the goal's, else the root above the camera."""
-        camera = cloud.header.frame_id
-        frame = goal.frame_id or self._buffer.root_of(camera)
-        return frame, self._buffer.lookup(frame, camera, cloud.header.stamp.ns)
+    def _frame_for(
+        self, handle: GoalHandle[FindObjectGoal, FindObjectResult], cloud: PointCloud2
+    ) -> tuple[str, NDArray[np.float64]]:
+        """The frame of the answer, and where the camera was in it: the goal's, else the root above the camera.
+
+        A cloud may be here before the transforms of its time: they get a moment.
+        """
+        camera, stamp = cloud.header.frame_id, cloud.header.stamp.ns
+        patience = time.monotonic() + min(_TRANSFORM_PATIENCE, handle.seconds_left() / 2)
+        while True:
+            frame = handle.goal.frame_id or self._buffer.root_of(camera)
+            try:
+                return frame, self._buffer.lookup(frame, camera, stamp)
+            except TransformUnknown:
+                if time.monotonic() >= patience:
+                    raise
+                handle.checkpoint("transforms", 0.0)
+                self._stopping.wait(_WAIT_STEP)
 
     def _scene_of(
         self,

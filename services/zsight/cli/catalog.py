@@ -25,7 +25,7 @@ Name = Annotated[str, typer.Argument(metavar="TYPE", help="Name of a type, or it
 def list_types(json: Json = False, connect: Connect = None, namespace: Namespace = None) -> None:
     """All types."""
     with _cell(connect, namespace) as cell:
-        types = cell.catalogue()
+        types = cell.catalog.list()
     if json:
         print_json({"types": [_type_json(kind) for kind in types]})
         return
@@ -41,7 +41,7 @@ def show(name: Name, json: Json = False, connect: Connect = None, namespace: Nam
     import yaml
 
     with _cell(connect, namespace) as cell:
-        kind = cell.object_type(name)
+        kind = cell.catalog.get(name)
     if json:
         print_json(_type_json(kind))
     else:
@@ -59,14 +59,14 @@ def add(
 
     kind = read_type(file)
     with _cell(connect, namespace) as cell:
-        say(cell.add_type(kind))
+        say(cell.catalog.add(kind))
 
 
 @app.command()
 def remove(name: Name, connect: Connect = None, namespace: Namespace = None) -> None:
     """Remove a type."""
     with _cell(connect, namespace) as cell:
-        say(cell.remove_type(name))
+        say(cell.catalog.remove(name))
 
 
 def _cell(connect: str | None, namespace: str | None) -> CellClient:

@@ -36,7 +36,7 @@ def find(
         typer.Option("--region", metavar='"X0 Y0 Z0 X1 Y1 Z1"', help="Only what lies in this box of the frame."),
     ] = None,
     new: Annotated[bool, typer.Option("--new", help="Wait for a cloud measured after the question.")] = False,
-    finder: Annotated[str, typer.Option("--finder", help="Which finder is asked.")] = "finder",
+    finder: Annotated[str, typer.Option("--finder", help="Which finder is asked; the best match if not given.")] = "*",
     cloud: Annotated[
         Path | None,
         typer.Option(
