@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import stat
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,9 +31,10 @@ def input_file(path: AnyPath) -> Iterator[tuple[BufferedReader, int]]:
         FileError: it is not there, not regular or may not be read; also for errors of the system within the block.
     """
     try:
-        if Path(path).exists() and not Path(path).is_file():
+        place = Path(path)
+        if not stat.S_ISREG(place.stat().st_mode):  # asked before opening: that would wait for a pipe's other end
             raise FileError(path, "is not a regular file")
-        with Path(path).open("rb") as file:
+        with place.open("rb") as file:
             yield file, os.fstat(file.fileno()).st_size
     except OSError as error:
         raise FileError(path, f"cannot be read: {error.strerror or error}") from error

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
@@ -91,7 +92,7 @@ class Header:
         """Bytes a point of each field, padding included."""
         return [field.size * field.count for field in self.fields]
 
-    @property
+    @cached_property
     def record_size(self) -> int:
         """Bytes a point, padding included."""
         return sum(self.field_sizes)
@@ -101,7 +102,7 @@ class Header:
         """Where each field begins in a record."""
         return [0, *itertools.accumulate(self.field_sizes)][:-1]
 
-    @property
+    @cached_property
     def dtype(self) -> np.dtype[Any]:
         """Type of a record: padding is a gap, several numbers are a subarray, a packed colour is float32."""
         seen = [(field, at) for field, at in zip(self.fields, self.offsets, strict=True) if not field.is_padding]
@@ -121,16 +122,10 @@ def read_header(file: BinaryIO, path: AnyPath) -> Header:
     Raises:
         FileError: the header is cut, contradicts itself, or is none.
     """
-    entries = _entries(file, path)
-    fields = _fields(entries, path)
-    width, height = _shape(entries, path)
-    encoding = entries["DATA"][0].lower() if entries["DATA"] else ""
-    if encoding not in ENCODINGS:
-        raise FileError(path, f"DATA is {encoding[:40]!r}; expected one of {', '.join(ENCODINGS)}")
-    version = entries.get("VERSION", ["0.7"])
-    if len(version) != 1 or version[0] not in _VERSIONS:
-        raise FileError(path, f"VERSION is {' '.join(version)[:40]!r}; expected 0.7")
-    return Header(fields, width, height, _viewpoint(entries, path), encoding)
+    try:
+        return _parse(_header_text(file))
+    except _HeaderError as error:
+        raise FileError(path, f"{error}") from None
 
 
 def format_header(header: Header) -> bytes:
@@ -151,103 +146,130 @@ def format_header(header: Header) -> bytes:
     return "".join(["# .PCD v0.7 - Point Cloud Data file format\n", *lines]).encode()
 
 
-def _entries(file: BinaryIO, path: AnyPath) -> dict[str, list[str]]:
-    """Words behind each keyword, up to DATA."""
-    entries: dict[str, list[str]] = {}
+class _HeaderError(Exception):
+    """What is wrong with a header; the file's name is added where it is known."""
+
+
+def _header_text(file: BinaryIO) -> bytes:
+    """The lines up to and with DATA, each with a keyword that is known."""
+    lines: list[bytes] = []
     for number in range(1, _MOST_LINES + 1):
         line = file.readline(_LONGEST_LINE)
-        words = _words(line, number, path)
+        if len(line) == _LONGEST_LINE:
+            raise _HeaderError(f"line {number} is longer than {_LONGEST_LINE} bytes; that is no header of a PCD file")
+        keyword = line.split(None, 1)[0].upper() if line.strip() and not line.startswith(b"#") else b""
+        if keyword and line.endswith(b"\n") and keyword.decode("utf-8", "replace") not in _KEYWORDS:
+            raise _HeaderError(f"line {number} begins with {keyword[:40]!r}; that is no header of a PCD file")
         if not line.endswith(b"\n"):
-            raise FileError(path, "is empty" if number == 1 and not line else "ends within its header, before its data")
+            raise _HeaderError("is empty" if number == 1 and not line else "ends within its header, before its data")
+        lines.append(line)
+        if keyword == b"DATA":
+            return b"".join(lines)
+    raise _HeaderError(f"has no line DATA among its first {_MOST_LINES}; that is no PCD file")
+
+
+@lru_cache(maxsize=16)  # the clouds of one recording have the same header
+def _parse(text: bytes) -> Header:
+    entries = _entries(text)
+    fields = _fields(entries)
+    width, height = _shape(entries)
+    encoding = entries["DATA"][0].lower() if entries["DATA"] else ""
+    if encoding not in ENCODINGS:
+        raise _HeaderError(f"DATA is {encoding[:40]!r}; expected one of {', '.join(ENCODINGS)}")
+    version = entries.get("VERSION", ["0.7"])
+    if len(version) != 1 or version[0] not in _VERSIONS:
+        raise _HeaderError(f"VERSION is {' '.join(version)[:40]!r}; expected 0.7")
+    return Header(fields, width, height, _viewpoint(entries), encoding)
+
+
+def _entries(text: bytes) -> dict[str, list[str]]:
+    """Words behind each keyword."""
+    entries: dict[str, list[str]] = {}
+    for line in text.split(b"\n"):
+        words = _words(line)
         if not words:
             continue
         keyword, values = words[0].upper(), words[1:]
-        if keyword not in _KEYWORDS:
-            raise FileError(path, f"line {number} begins with {words[0][:40]!r}; that is no header of a PCD file")
         if keyword in entries:
-            raise FileError(path, f"line {number} gives {keyword} a second time")
+            raise _HeaderError(f"gives {keyword} a second time in its header")
         entries[keyword] = values
-        if keyword == "DATA":
-            return entries
-    raise FileError(path, f"has no line DATA among its first {_MOST_LINES}; that is no PCD file")
+    return entries
 
 
-def _words(line: bytes, number: int, path: AnyPath) -> list[str]:
-    if len(line) == _LONGEST_LINE:
-        raise FileError(path, f"line {number} is longer than {_LONGEST_LINE} bytes; that is no header of a PCD file")
+def _words(line: bytes) -> list[str]:
     if line.startswith(b"#"):
         return []
     try:
         text = line.decode()
     except UnicodeDecodeError:
-        raise FileError(path, f"line {number} is no text; that is no header of a PCD file") from None
+        text = "\0"
     if "\0" in text:
-        raise FileError(path, f"line {number} is no text; that is no header of a PCD file")
+        raise _HeaderError(f"has {line[:40]!r} in its header, which is no text")
     return text.split()
 
 
-def _fields(entries: dict[str, list[str]], path: AnyPath) -> tuple[Field, ...]:
-    names = _row(entries, "FIELDS" if "FIELDS" in entries else "COLUMNS", None, path)
-    sizes = _numbers(_row(entries, "SIZE", names, path), "SIZE", path)
-    kinds = [kind.upper() for kind in _row(entries, "TYPE", names, path)]
-    counts = _numbers(_row(entries, "COUNT", names, path), "COUNT", path) if "COUNT" in entries else [1] * len(names)
+def _fields(entries: dict[str, list[str]]) -> tuple[Field, ...]:
+    names = _row(entries, "COLUMNS" if "COLUMNS" in entries else "FIELDS", None)
+    sizes = _numbers(_row(entries, "SIZE", names), "SIZE")
+    kinds = [kind.upper() for kind in _row(entries, "TYPE", names)]
+    counts = _numbers(_row(entries, "COUNT", names), "COUNT") if "COUNT" in entries else [1] * len(names)
     named = [name for name in names if name != "_"]
     if len(set(named)) < len(named) or not named:
-        raise FileError(path, f"has the fields {' '.join(names)[:80]}; expected at least one, each once")
+        raise _HeaderError(f"has the fields {' '.join(names)[:80]}; expected at least one, each once")
     for name, size, kind, count in zip(names, sizes, kinds, counts, strict=True):
         if size not in _SIZES.get(kind, ()):
-            raise FileError(path, f"field {name} has TYPE {kind[:40]} and SIZE {size}; expected F 4 8, I or U 1 2 4 8")
+            raise _HeaderError(f"field {name} has TYPE {kind[:40]} and SIZE {size}; expected F 4 8, I or U 1 2 4 8")
         if count < 1:
-            raise FileError(path, f"field {name} has COUNT {count}; expected 1 or more")
+            raise _HeaderError(f"field {name} has COUNT {count}; expected 1 or more")
     if sum(size * count for size, count in zip(sizes, counts, strict=True)) > _LARGEST_RECORD:
-        raise FileError(path, f"COUNT {counts} makes points larger than {_LARGEST_RECORD} bytes; the header is damaged")
+        raise _HeaderError(f"COUNT {counts} makes points larger than {_LARGEST_RECORD} bytes; the header is damaged")
     renamed = ["rgb" if name == "rgba" and "rgb" not in names else name for name in names]
     return tuple(Field(*column) for column in zip(renamed, sizes, kinds, counts, strict=True))
 
 
-def _row(entries: dict[str, list[str]], keyword: str, names: list[str] | None, path: AnyPath) -> list[str]:
+def _row(entries: dict[str, list[str]], keyword: str, names: list[str] | None) -> list[str]:
     """Words of a line that has one for each field."""
     if not entries.get(keyword):
-        raise FileError(path, f"has no {keyword} in its header")
+        raise _HeaderError(f"has no {keyword} in its header")
     values = entries[keyword]
     if names is not None and len(values) != len(names):
-        raise FileError(path, f"has {len(names)} fields but {len(values)} in the line {keyword}")
+        raise _HeaderError(f"has {len(names)} fields but {len(values)} in the line {keyword}")
     return values
 
 
-def _numbers(words: list[str], keyword: str, path: AnyPath) -> list[int]:
+def _numbers(words: list[str], keyword: str) -> list[int]:
     if not all(word.isascii() and word.isdigit() and len(word) < 20 for word in words):
-        raise FileError(path, f"{keyword} is {' '.join(words)[:40]!r}; expected whole numbers")
+        raise _HeaderError(f"{keyword} is {' '.join(words)[:40]!r}; expected whole numbers")
     return [int(word) for word in words]
 
 
-def _shape(entries: dict[str, list[str]], path: AnyPath) -> tuple[int, int]:
+def _shape(entries: dict[str, list[str]]) -> tuple[int, int]:
     """Width and height; a missing height is 1, a missing width follows from POINTS."""
-    sides = {key: _side(entries[key], key, path) for key in ("WIDTH", "HEIGHT", "POINTS") if key in entries}
+    sides = {key: _side(entries[key], key) for key in ("WIDTH", "HEIGHT", "POINTS") if key in entries}
     height = sides.get("HEIGHT", 1)
     if "WIDTH" not in sides and ("POINTS" not in sides or height != 1):
-        raise FileError(path, "has no WIDTH in its header")
+        raise _HeaderError("has no WIDTH in its header")
     width = sides.get("WIDTH", sides.get("POINTS", 0))
     if sides.get("POINTS", width * height) != width * height:
-        raise FileError(path, f"WIDTH {width} times HEIGHT {height} is not POINTS {sides['POINTS']}")
+        raise _HeaderError(f"WIDTH {width} times HEIGHT {height} is not POINTS {sides['POINTS']}")
     if max(width, height) > _LARGEST_SIDE:
-        raise FileError(path, f"WIDTH {width} and HEIGHT {height} go beyond {_LARGEST_SIDE}; the header is damaged")
+        raise _HeaderError(f"WIDTH {width} and HEIGHT {height} go beyond {_LARGEST_SIDE}; the header is damaged")
     return width, height
 
 
-def _side(words: list[str], keyword: str, path: AnyPath) -> int:
+def _side(words: list[str], keyword: str) -> int:
     if len(words) != 1:
-        raise FileError(path, f"{keyword} is {' '.join(words)[:40]!r}; expected one whole number")
-    return _numbers(words, keyword, path)[0]
+        raise _HeaderError(f"{keyword} is {' '.join(words)[:40]!r}; expected one whole number")
+    return _numbers(words, keyword)[0]
 
 
-def _viewpoint(entries: dict[str, list[str]], path: AnyPath) -> Viewpoint:
+def _viewpoint(entries: dict[str, list[str]]) -> Viewpoint:
     if "VIEWPOINT" not in entries:
         return LEVEL
     words = entries["VIEWPOINT"]
     numbers = _attempt(lambda: [float(word) for word in words])
     if numbers is None or len(numbers) != 7 or not all(math.isfinite(number) for number in numbers):
-        raise FileError(path, f"VIEWPOINT is {' '.join(words)[:80]!r}; expected seven numbers: x y z qw qx qy qz")
+        raise _HeaderError(f"VIEWPOINT is {' '.join(words)[:80]!r}; expected seven numbers: x y z qw qx qy qz")
     x, y, z, qw, qx, qy, qz = numbers
     return (x, y, z, qw, qx, qy, qz)
 
