@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numba import njit
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
     from zsight_core.scene import Scene
     from zsight_core.wholes import Cells
 
-__all__ = ["Clues", "Hypothesis", "Layer", "Piece", "clues_of", "warm_up"]
+__all__ = ["Clues", "Hypothesis", "Layer", "Piece", "clues_of", "ends_of", "warm_up"]
 
 LEVEL = float(np.cos(np.radians(14.0)))
 """A piece whose mean normal is this near to up is flat: a top that may carry things."""
@@ -29,6 +30,12 @@ HEIGHT_GATE = 0.004
 
 SMALLEST_TOP = 20
 """Cells of a level piece that something may stand on."""
+
+UNSEEN = 0.02
+"""Metres over a surface from which something may stand on what is not seen."""
+
+LOWEST_UNSEEN = 0.04
+"""Metres; lower things show too little of their sides to tell what they stand on when that is not seen."""
 
 SMALLEST_LAYER = 5
 """Cells."""
@@ -45,6 +52,8 @@ class Hypothesis(NamedTuple):
     """Number of the surface."""
     turns: bool
     """True where its yaw can be seen; False for a shape that looks the same from all around."""
+    carried: bool = True
+    """False where nothing is seen that it could stand on: its own lower edges must then be seen."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,15 +99,28 @@ class Clues:
     """Per support the camera's place (3,), metres, in the support's frame."""
     gates: NDArray[np.float64]
     """(N,) metres; how far each cell may lie from the height a shape says."""
+    tops: list[tuple[float, NDArray[np.float64], NDArray[np.float64], int]]
+    """Height, low and high corner (2,) and support of each level piece that may carry something."""
+    levels: list[list[float]]
+    """Per support the heights on which something may stand."""
 
     def bases(self, support: int) -> list[float]:
         """Heights over a surface on which something may stand: the surface itself and level tops, 4 mm apart."""
-        heights = [0.0]
-        for piece in sorted(self.pieces, key=lambda p: p.height):
-            stands = piece.is_level and piece.support == support and len(piece.points) >= SMALLEST_TOP
-            if stands and piece.height > heights[-1] + 0.004:
-                heights.append(piece.height)
-        return heights
+        return self.levels[support]
+
+    def tops_of(self, tall: float, support: int) -> list[tuple[float, bool]]:
+        """Heights over a surface on which something this tall may stand, and whether what carries it is seen.
+
+        Besides the surface and level tops that is what lies the object's own height below any level piece.
+        """
+        known = [(base, True) for base in self.levels[support]]
+        if tall < LOWEST_UNSEEN:
+            return known
+        for piece in self.pieces:
+            base = piece.height - tall
+            if piece.is_level and piece.support == support and base > UNSEEN and len(piece.points) >= 8:
+                known += [] if any(abs(base - other) < 0.006 for other, _ in known) else [(base, False)]
+        return known
 
     def layers(self, height: float, support: int) -> list[Layer]:
         """What lies at a height over a surface, metres, without what is steep, in connected pieces."""
@@ -123,17 +145,32 @@ class Clues:
         """True where something at this height is seen within reach of a place (2,), or the base is the surface."""
         if base == 0:
             return True
-        return any(
-            piece.is_level
-            and piece.support == support
-            and abs(piece.height - base) < 0.006
-            and np.abs(piece.points[:, :2] - xy).max(axis=1).min() < reach
-            for piece in self.pieces
-        )
+        for height, low, high, over in self.tops:
+            near = (xy > low - reach).all() and (xy < high + reach).all()
+            if over == support and abs(height - base) < 0.006 and near:
+                return True
+        return False
+
+
+_known: WeakKeyDictionary[Scene, Clues] = WeakKeyDictionary()
 
 
 def clues_of(scene: Scene) -> Clues:
-    """Collect the pieces of a scene."""
+    """Collect the pieces of a scene, once."""
+    clues = _known.get(scene)
+    if clues is None:
+        clues = _known[scene] = _collect(scene)
+    return clues
+
+
+def ends_of(values: NDArray[np.float64], share: float) -> tuple[float, float]:
+    """Values (N,) that leave this share below and above."""
+    ordered = np.sort(values)
+    skip = int(share * (len(ordered) - 1) + 0.5)
+    return float(ordered[skip]), float(ordered[-1 - skip])
+
+
+def _collect(scene: Scene) -> Clues:
     cells, view = scene.cells, scene.view
     T_optical_cloud = inverse(view.T_cloud_optical)
     frames = [inverse(T_optical_cloud @ s.T_camera_support) for s in scene.supports]
@@ -149,7 +186,16 @@ def clues_of(scene: Scene) -> Clues:
     grid[cells.row, cells.column] = np.arange(len(cells.row), dtype=np.int32)
     z = view.depth[cells.row * scene.patches.step, cells.column * scene.patches.step].astype(np.float64)
     gates = HEIGHT_GATE + 2.5 * scene.noise * z * z
-    return Clues(cells, grid, pieces, segments, [T[:3, 3] for T in frames], gates)
+    tops = [
+        (piece.height, piece.points[:, :2].min(axis=0), piece.points[:, :2].max(axis=0), piece.support)
+        for piece in sorted(pieces, key=lambda piece: piece.height)
+        if piece.is_level and len(piece.points) >= SMALLEST_TOP
+    ]
+    levels = [[0.0] for _ in frames]
+    for height, _, _, support in tops:
+        if height > levels[support][-1] + 0.004:
+            levels[support].append(height)
+    return Clues(cells, grid, pieces, segments, [T[:3, 3] for T in frames], gates, tops, levels)
 
 
 def warm_up() -> None:
@@ -162,7 +208,9 @@ def _piece(cells: Cells, members: NDArray[np.int64], segment: int) -> Piece:
     points, normals = cells.points[members], cells.normals[members]
     mean = normals.sum(axis=0)
     mean /= max(float(np.linalg.norm(mean)), 1e-9)
-    return Piece(points, normals, mean, segment, int(cells.support[members[0]]), float(np.median(points[:, 2])))
+    return Piece(
+        points, normals, mean, segment, int(cells.support[members[0]]), float(np.sort(points[:, 2])[len(points) // 2])
+    )
 
 
 @njit(cache=True, nogil=True)

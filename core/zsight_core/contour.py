@@ -15,10 +15,11 @@ from numba import njit
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = ["CONTINUES", "EDGE", "HIDDEN", "NOTHING", "UNKNOWN", "scan", "warm_up"]
+__all__ = ["CONTINUES", "EDGE", "ENDS", "HIDDEN", "NOTHING", "UNKNOWN", "scan", "warm_up"]
 
-EDGE, CONTINUES, HIDDEN, UNKNOWN, NOTHING = 0, 1, 2, 3, 4
-"""States of a sample: edge found; the surface goes on outside; something nearer; not measured; nothing there."""
+EDGE, CONTINUES, HIDDEN, UNKNOWN, NOTHING, ENDS = 0, 1, 2, 3, 4, 5
+"""States of a sample: edge found; the surface goes on outside; something nearer; not measured; nothing there; the
+surface ends near by and nothing is measured beyond, as at the edges of real things."""
 
 SPACING = 2.0
 """Pixels between samples along an outline."""
@@ -123,11 +124,12 @@ def scan(  # noqa: C901  one compiled loop over pixels; splitting it would pass 
             if ground[3] != 0 and facing / ground[3] > we + reach * slope - 1.5 * tolerance:
                 m[0], m[1] = 3, 0.0
                 continue
-            last_on, first_off, seen_near, seen_far, unknown = -99.0, 99.0, 0, 0, 0
+            last_on, first_off, seen_near, seen_far, unknown, gap = -99.0, 99.0, 0, 0, 0, 0
             for k in range(-reach, reach + 1):
                 u, v = int(np.floor(us + k * mx + 0.5)), int(np.floor(vs + k * my + 0.5))
                 if not (0 <= u < width and 0 <= v < height) or depth[v, u] <= 0:
                     unknown += 1
+                    gap += 1
                     continue
                 place = (u - us) * mx + (v - vs) * my
                 expected = _drawn(w, region, u, v) if place < 0 else 0.0
@@ -137,6 +139,7 @@ def scan(  # noqa: C901  one compiled loop over pixels; splitting it would pass 
                 if abs(off) <= tolerance:
                     if first_off == 99.0 or place < first_off:
                         last_on = max(last_on, place)
+                    gap = 0
                 elif off > 0:
                     seen_near += 1
                     if last_on > -99.0 and first_off == 99.0:
@@ -157,7 +160,7 @@ def scan(  # noqa: C901  one compiled loop over pixels; splitting it would pass 
             elif last_on > reach - 1.6:
                 m[0] = 1
             else:
-                m[0] = 3
+                m[0] = 5 if gap >= 3 and abs(last_on) < 3.5 else 3
         carry = at - length if at >= length else spacing / 2
     return samples[:count]
 

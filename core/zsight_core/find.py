@@ -20,6 +20,7 @@ from zsight_core.model import ObjectModel, Surface, size_of
 from zsight_core.recognise import box, hypotheses
 from zsight_core.recognise.surface import surfaces
 from zsight_core.scene import Checkpoint, Scene, go_on, understand
+from zsight_core.score import logit_of, probability_of
 from zsight_core.solid import Solid, solid_of
 from zsight_core.transform import inverse
 
@@ -35,11 +36,17 @@ __all__ = ["Answer", "Detection", "find", "warm_up"]
 
 Status = Literal["found", "not_found", "cannot_tell"]
 
-QUICK_LOOKS = 400
-"""Hypotheses that get a quick look at most."""
+QUICK_PIXELS = 200
+"""Raster of a quick look at a hypothesis."""
 
-REFINED = 10
-"""Hypotheses that are refined, the best of the quick looks."""
+LOOKS_AT_ONCE = 200
+"""Quick looks between two checkpoints."""
+
+REFINED = 20
+"""Hypotheses that are refined at most, the best of the quick looks."""
+
+A_PLACE = 3
+"""Hypotheses of one place that are refined at most."""
 
 ACCEPTED = 0.5
 """Probability from which a candidate is reported."""
@@ -283,33 +290,51 @@ class _Search:
             return []
         guesses = hypotheses(model.shape, self.clues)
         self.report["hypotheses"] += len(guesses)
-        quick = []
-        rough = solid_of(model.shape, coarse=True)
-        for number, guess in enumerate(guesses[:QUICK_LOOKS]):
-            if number % 50 == 0:
-                self.checkpoint("look", number / len(guesses))
-            evidence = self._look(rough, guess, most=300, tolerance=0.008)
-            if evidence.match >= 12 and evidence.agreement > 0.5:
-                quick.append((_promise(evidence), -number, guess))
-        quick.sort(key=lambda q: (-q[0], -q[1]))
-        best = _spread_out([guess for _, _, guess in quick])[:REFINED]
+        best = self._most_promising(model, guesses)
         self.report["refined"] += len(best)
         candidates = []
         for number, guess in enumerate(best):
             if number % 5 == 0:
                 self.checkpoint("refine", number / len(best))
-            hypothesis, information = self._refine(solid, guess)
+            hypothesis, information = self._refine(solid, guess, pixels=900, steps=8)
             evidence = self._look(solid, hypothesis)
             candidates.append(Candidate(hypothesis, evidence, information, probability_of(evidence)))
-        spent = (perf_counter() - start) * 1e3
-        self.report["timings_ms"][model.name] = spent
+        self.report["timings_ms"][model.name] = (perf_counter() - start) * 1e3
         return candidates
+
+    def _most_promising(self, model: ObjectModel, guesses: list[Hypothesis]) -> list[Hypothesis]:
+        """A quick look at each hypothesis; the best few of each place."""
+        view, rough = self.scene.view, solid_of(model.shape, coarse=True)
+        frames = np.array(self.frames)
+        ranked: list[tuple[float, int]] = []
+        for first in range(0, len(guesses), LOOKS_AT_ONCE):
+            self.checkpoint("look", first / len(guesses))
+            some = guesses[first : first + LOOKS_AT_ONCE]
+            looks = verify.compare_many(
+                view.depth,
+                view.pinhole,
+                rough.vertices,
+                rough.faces,
+                rough.edges,
+                frames,
+                np.array([guess.T_support_model for guess in some]),
+                np.array([_footing(guess) for guess in some]),
+                np.array([guess.support for guess in some]),
+                self.scene.noise,
+                most=QUICK_PIXELS,
+                tolerance=0.008,
+            )
+            for number, look in enumerate(looks, first):
+                if look.match >= 12 and look.agreement > 0.5:
+                    ranked.append((-_promise(look), number))
+        ranked.sort()
+        return _best_of_each_place([guesses[number] for _, number in ranked], min(size_of(model.shape)))
 
     def _polished(self, solid: Solid, candidate: Candidate) -> Candidate:
         """Refined once more: the first fit may have come from too far for its finest steps to catch every face."""
         if candidate.probability < DOUBTFUL:
             return candidate
-        hypothesis, information = self._refine(solid, candidate.hypothesis)
+        hypothesis, information = self._refine(solid, candidate.hypothesis, pixels=3000, steps=14)
         evidence = self._look(solid, hypothesis)
         return Candidate(hypothesis, evidence, information, probability_of(evidence))
 
@@ -323,13 +348,15 @@ class _Search:
             solid.edges,
             self.frames[guess.support],
             guess.T_support_model,
-            guess.base,
+            _footing(guess),
             self.scene.noise,
             most=most,
             tolerance=tolerance,
         )
 
-    def _refine(self, solid: Solid, guess: Hypothesis) -> tuple[Hypothesis, NDArray[np.float64]]:
+    def _refine(
+        self, solid: Solid, guess: Hypothesis, pixels: int, steps: int
+    ) -> tuple[Hypothesis, NDArray[np.float64]]:
         view = self.scene.view
         loose = np.array([0.03, 0.03, 0.0005 if guess.base == 0 else 0.004, 0.5 if guess.turns else 1e-5])
         T, information = refine.fit(
@@ -340,11 +367,11 @@ class _Search:
             solid.edges,
             self.frames[guess.support],
             guess.T_support_model,
-            guess.base,
+            _footing(guess),
             loose,
             self.scene.noise,
-            14,
-            2500,
+            steps,
+            pixels,
         )
         return guess._replace(T_support_model=T), information
 
@@ -441,18 +468,9 @@ class _Search:
         return float(free.mean()) if len(free) else 0.0
 
 
-def probability_of(evidence: Evidence) -> float:
-    """How likely (0..1) the object is there, given the evidence: a logistic of what agrees and what does not."""
-    if evidence.match < 20:
-        return 0.0
-    told = evidence.edge + evidence.goes_on + evidence.nothing
-    logit = 5.0
-    logit -= 40.0 * max(0.0, 0.97 - evidence.agreement)
-    logit -= 14.0 * max(0.0, 0.90 - evidence.outline)
-    logit -= 12.0 * max(0.0, 0.45 - evidence.visible)
-    logit -= 60.0 / max(evidence.match, 1.0)
-    logit -= 30.0 / max(told, 3.0)
-    return float(1.0 / (1.0 + np.exp(-np.clip(logit, -50.0, 50.0))))
+def _footing(guess: Hypothesis) -> float:
+    """Height of what is seen under it, metres: on that its lower edges have no contrast."""
+    return guess.base if guess.carried else 0.0
 
 
 def _explains_better(one: Candidate, other: Candidate) -> bool:
@@ -472,11 +490,12 @@ def _is_cut(evidence: Evidence) -> bool:
     return evidence.hidden + evidence.unknown + evidence.beyond > 0.3 * evidence.pixels
 
 
-def _spread_out(guesses: list[Hypothesis]) -> list[Hypothesis]:
-    """Drop those within 4 mm and 4 degrees of a better one."""
+def _best_of_each_place(guesses: list[Hypothesis], reach: float) -> list[Hypothesis]:
+    """The first few of each place, best first, without near repetitions; at most REFINED."""
     kept: list[Hypothesis] = []
     for guess in guesses:
-        if not any(_near(guess, other, 0.004, 4.0) for other in kept):
+        there = [other for other in kept if _near(guess, other, 0.6 * reach, 181.0)]
+        if len(there) < A_PLACE and not any(_near(guess, other, 0.004, 5.0) for other in there):
             kept.append(guess)
         if len(kept) == REFINED:
             break
@@ -490,12 +509,12 @@ def _near(a: Hypothesis, b: Hypothesis, metres: float, degrees: float) -> bool:
     if gap @ gap > metres * metres:
         return False
     turn = (np.trace(a.T_support_model[:3, :3].T @ b.T_support_model[:3, :3]) - 1) / 2
-    return bool(turn > np.cos(np.radians(degrees)))
+    return degrees > 180 or bool(turn > np.cos(np.radians(degrees)))
 
 
 def _one_a_place(candidates: list[Candidate], reach: float) -> list[Candidate]:
     """The most probable candidate of each place; others within 0.7 of the shortest side of it are dropped."""
-    ranked = sorted(enumerate(candidates), key=lambda c: (-round(c[1].probability, 9), -_promise(c[1].evidence), c[0]))
+    ranked = sorted(enumerate(candidates), key=lambda c: (-logit_of(c[1].evidence), c[0]))
     kept: list[Candidate] = []
     for _, candidate in ranked:
         place = candidate.hypothesis.T_support_model[:3, 3]

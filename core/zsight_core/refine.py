@@ -166,7 +166,8 @@ def fit(  # noqa: C901  one compiled loop over pixels; splitting it would pass a
             change[a] *= shrink
             moved[a] += change[a]
         _move(T, change)
-        if sigma == noise and iteration >= 3 and size < 2e-6 and abs(change[3]) < 1e-5:
+        enough = max(2e-6, 0.02 * noise)
+        if sigma == noise and iteration >= 3 and size < enough and abs(change[3]) < 10 * enough:
             break
     marginal = np.empty((4, 4))
     for a in range(4):

@@ -13,7 +13,7 @@ from zsight_core.render import draw, face_planes, place, region_of
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = ["Evidence", "compare", "warm_up"]
+__all__ = ["Evidence", "compare", "compare_many", "warm_up"]
 
 IN_FRONT = 0.015
 """Metres by which something must be nearer to count as another thing in front."""
@@ -37,15 +37,17 @@ class Evidence(NamedTuple):
     beyond: float
     """Beyond the image's border."""
     edge: float
-    """Outline samples with a measured edge near by."""
+    """Outline samples with a measured edge near by, or where the surface ends and nothing is measured beyond."""
     goes_on: float
     """Outline samples where the measured surface goes on outside, which is against this size."""
     nothing: float
     """Outline samples with no such surface."""
     edge_hidden: float
     """Outline samples that something nearer hides or that were not measured."""
-    misfit: float
-    """Metres; how far the measured surface is from the solid's on average over patches, noise taken off."""
+    sunk: float
+    """Metres; how far the measured surface is behind the solid's, averaged over patches, noise taken off."""
+    raised: float
+    """Metres; how far it is before the solid's, likewise; something that touches the solid in front does that too."""
     offset: float
     """Pixels; root mean square distance between drawn and measured outline."""
 
@@ -57,7 +59,7 @@ class Evidence(NamedTuple):
     @property
     def agreement(self) -> float:
         """Share of pixels that say yes among those that say yes or no."""
-        return self.match / max(self.match + self.through + self.proud, 1.0)
+        return self.match / max(self.match + self.through, 1.0)
 
     @property
     def outline(self) -> float:
@@ -105,6 +107,65 @@ def compare(
     return Evidence(*(float(c) for c in counts))
 
 
+def compare_many(
+    depth: NDArray[np.float32],
+    pinhole: tuple[float, float, float, float],
+    vertices: NDArray[np.float64],
+    faces: NDArray[np.int32],
+    edges: NDArray[np.int32],
+    T_optical_supports: NDArray[np.float64],
+    T_support_models: NDArray[np.float64],
+    bases: NDArray[np.float64],
+    supports: NDArray[np.int64],
+    noise: float,
+    *,
+    most: int,
+    tolerance: float,
+) -> list[Evidence]:
+    """Evidence as of ``compare`` for many poses: (S, 4, 4) surfaces, (N, 4, 4) poses, (N,) feet, (N,) surfaces."""
+    counts = _count_many(
+        depth,
+        pinhole,
+        vertices,
+        faces,
+        edges,
+        T_optical_supports,
+        T_support_models,
+        bases,
+        supports,
+        noise,
+        most,
+        tolerance,
+    )
+    return [Evidence(*row) for row in counts.tolist()]
+
+
+@njit(cache=True, nogil=True)
+def _count_many(
+    depth: NDArray[np.float32],
+    pinhole: tuple[float, float, float, float],
+    vertices: NDArray[np.float64],
+    faces: NDArray[np.int32],
+    edges: NDArray[np.int32],
+    T_optical_supports: NDArray[np.float64],
+    T_support_models: NDArray[np.float64],
+    bases: NDArray[np.float64],
+    supports: NDArray[np.int64],
+    noise: float,
+    most: int,
+    tolerance: float,
+) -> NDArray[np.float64]:
+    """The numbers of Evidence (N, 14)."""
+    counts = np.empty((len(bases), 14))
+    for i in range(len(bases)):
+        T_optical_support = T_optical_supports[supports[i]]
+        T = T_optical_support @ T_support_models[i]
+        counts[i] = _count(
+            depth, pinhole, vertices, faces, edges, T, T_optical_support, bases[i], noise, most, tolerance
+        )
+    return counts
+
+
 @njit(cache=True, nogil=True)
 def _count(  # noqa: C901  one compiled loop over pixels; splitting it would pass a dozen numbers around
     depth: NDArray[np.float32],
@@ -119,8 +180,8 @@ def _count(  # noqa: C901  one compiled loop over pixels; splitting it would pas
     most: int,
     tolerance: float,
 ) -> NDArray[np.float64]:
-    """The numbers of Evidence (13,)."""
-    counts = np.zeros(13)
+    """The numbers of Evidence (14,)."""
+    counts = np.zeros(14)
     height, width = depth.shape
     placed = place(T_optical_model, vertices)
     region = region_of(placed, pinhole, most)
@@ -178,33 +239,40 @@ def _count(  # noqa: C901  one compiled loop over pixels; splitting it would pas
         if total > seen * counts[0] > 0:  # pixels near the outline are more often hidden
             for k in range(1, 4):
                 counts[k] *= seen * counts[0] / total
-    squares, number = 0.0, 0.0
+    behind, before, number = 0.0, 0.0, 0.0
     for r in range(blocks.shape[0]):
         for k in range(blocks.shape[1]):
             n = blocks[r, k, 0]
             if n >= 4:
                 mean = blocks[r, k, 1] / n
                 variance = max(0.0, blocks[r, k, 2] / n - mean * mean) * n / (n - 1)
-                squares += n * (mean * mean - variance / n)
+                square = max(0.0, n * (mean * mean - variance / n))
+                if mean < 0:
+                    behind += square
+                else:
+                    before += square
                 number += n
-    counts[11] = np.sqrt(max(0.0, squares) / max(number, 1.0)) if number > 0 else IN_FRONT
+    counts[11] = np.sqrt(behind / number) if number > 0 else IN_FRONT
+    counts[12] = np.sqrt(before / number) if number > 0 else IN_FRONT
     ground = np.empty(4)
     ground[:3] = T_optical_support[:3, 2]
     ground[3] = (T_optical_support[:3, 2] * T_optical_support[:3, 3]).sum() + base
     samples = scan(depth, pinhole, placed, faces, edges, planes, w, region, ground, noise, 4)
-    off = 0.0
+    off, measured = 0.0, 0
     for s in range(len(samples)):
         state = int(samples[s, 0])
-        if state == 0:
+        if state in (0, 5):
             counts[7] += 1
+        if state == 0:
+            measured += 1
             off += samples[s, 1] ** 2
         elif state == 1:
             counts[8] += 1
         elif state == 4:
             counts[9] += 1
-        else:
+        elif state != 5:
             counts[10] += 1
-    counts[12] = np.sqrt(off / max(counts[7], 1.0))
+    counts[13] = np.sqrt(off / max(measured, 1))
     for k in range(7):
         counts[k] *= step * step
     return counts
@@ -216,4 +284,9 @@ def warm_up() -> None:
     faces = np.array([[0, 2, 1]], np.int32)
     edges = np.array([[0, 1, 0, -1]], np.int32)
     depth = np.ones((100, 100), np.float32)
-    compare(depth, (100.0, 100.0, 50.0, 50.0), vertices, faces, edges, np.eye(4), np.eye(4), 0.0, 1e-3)
+    pinhole = (100.0, 100.0, 50.0, 50.0)
+    compare(depth, pinhole, vertices, faces, edges, np.eye(4), np.eye(4), 0.0, 1e-3)
+    poses, one = np.eye(4)[np.newaxis], np.zeros(1)
+    compare_many(
+        depth, pinhole, vertices, faces, edges, poses, poses, one, one.astype(np.int64), 1e-3, most=10, tolerance=0.01
+    )

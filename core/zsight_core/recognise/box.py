@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numba import njit
 
-from zsight_core.clues import Clues, Hypothesis, Layer, Piece
+from zsight_core.clues import Clues, Hypothesis, Layer, Piece, ends_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -31,11 +31,12 @@ def hypotheses(shape: Box, clues: Clues) -> list[Hypothesis]:
     found: list[Hypothesis] = []
     for R, (a, b, tall) in stable_poses(shape.size):
         for support in clues.supports():
-            for base in clues.bases(support):
+            for base, seen in clues.tops_of(tall, support):
                 for layer in clues.layers(base + tall, support):
                     middle = layer.xy.mean(axis=0)
-                    if clues.is_carried(middle, max(a, b), base, support):
-                        found += _on_top(layer, R, a, b, tall, base)
+                    carried = seen and clues.is_carried(middle, max(a, b), base, support)
+                    if carried or not seen:
+                        found += [guess._replace(carried=carried) for guess in _on_top(layer, R, a, b, tall, base)]
         for piece in clues.pieces:
             found += _against_face(piece, R, a, b, tall)
     return found
@@ -71,7 +72,7 @@ def _against_face(piece: Piece, R: NDArray[np.float64], a: float, b: float, tall
     """On the surface with one side in the plane of an upright piece: for boxes whose top is cut off or hidden."""
     if len(piece.points) < FACE or np.hypot(*piece.normal[:2]) < UPRIGHT:
         return []
-    if np.quantile(piece.points[:, 2], 0.9) > tall + 0.01:
+    if ends_of(piece.points[:, 2], 0.1)[1] > tall + 0.01:
         return []
     out = piece.normal[:2] / np.linalg.norm(piece.normal[:2])
     side = np.array([-out[1], out[0]])
@@ -99,20 +100,20 @@ def _standing(
 
 def _places(values: NDArray[np.float64], side: float) -> list[float]:
     """Centres of a side along one direction: in the middle where it is all seen, else at each end and the middle."""
-    low, high = np.quantile(values, (0.01, 0.99))
-    middle = float(low + high) / 2
+    low, high = ends_of(values, 0.01)
+    middle = (low + high) / 2
     if abs(high - low - side) < SLACK:
         return [middle]
-    return [float(low) + side / 2, middle, float(high) - side / 2]
+    return [low + side / 2, middle, high - side / 2]
 
 
 def _best_yaws(xy: NDArray[np.float64], a: float, b: float) -> list[float]:
-    """Up to four yaws whose rectangle fits, best first."""
+    """Up to three yaws whose rectangle fits, best first."""
     misfit = _sweep(xy, a, b)
     count = len(misfit)
     dips = [k for k in range(count) if misfit[k] <= misfit[k - 1] and misfit[k] < misfit[(k + 1) % count]]
     dips.sort(key=lambda k: (misfit[k], k))
-    return [k * np.pi / count for k in dips[:4]]
+    return [k * np.pi / count for k in dips[:3]]
 
 
 @njit(cache=True, nogil=True)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from zsight_core.clues import Clues, Hypothesis, Layer, Piece
+from zsight_core.clues import Clues, Hypothesis, Layer, Piece, ends_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -24,10 +24,12 @@ def hypotheses(shape: Cylinder, clues: Clues) -> list[Hypothesis]:
     radius = shape.diameter / 2
     found: list[Hypothesis] = []
     for support in clues.supports():
-        for base in clues.bases(support):
+        for base, seen in clues.tops_of(shape.height, support):
             for layer in clues.layers(base + shape.height, support):
-                if clues.is_carried(layer.xy.mean(axis=0), shape.diameter, base, support):
-                    found += [_standing(xy, base, shape, support) for xy in _disc_places(layer, radius, clues)]
+                carried = seen and clues.is_carried(layer.xy.mean(axis=0), shape.diameter, base, support)
+                if carried or not seen:
+                    places = _disc_places(layer, radius, clues)
+                    found += [_standing(xy, base, shape, support)._replace(carried=carried) for xy in places]
     for piece in clues.segments + clues.pieces:
         if len(piece.points) < 12:
             continue
@@ -46,14 +48,15 @@ def _standing(xy: NDArray[np.float64], base: float, shape: Cylinder, support: in
 def _disc_places(top: Layer, radius: float, clues: Clues) -> list[NDArray[np.float64]]:
     """Centres of a disc that covers the top: its middle, and if only a part is seen, a radius behind its near rim."""
     xy = top.xy
-    low, high = np.quantile(xy, 0.02, axis=0), np.quantile(xy, 0.98, axis=0)
+    (west, east), (south, north) = ends_of(xy[:, 0], 0.02), ends_of(xy[:, 1], 0.02)
+    low, high = np.array([west, south]), np.array([east, north])
     places = [(low + high) / 2]
     if (np.abs(high - low - 2 * radius) > 0.01).any():
         towards = clues.eyes[top.support][:2] - xy.mean(axis=0)
         towards = towards / max(float(np.linalg.norm(towards)), 1e-9)
         across = np.array([-towards[1], towards[0]])
-        near = float(np.quantile(xy @ towards, 0.98))
-        middle = float(np.quantile(xy @ across, 0.02) + np.quantile(xy @ across, 0.98)) / 2
+        near = ends_of(xy @ towards, 0.02)[1]
+        middle = sum(ends_of(xy @ across, 0.02)) / 2
         places.append((near - radius) * towards + middle * across)
     return places
 
@@ -66,7 +69,7 @@ def _from_side(piece: Piece, shape: Cylinder, clues: Clues) -> list[Hypothesis]:
     heights = piece.points[side, 2]
     xy = _behind(piece.points[side, :2], piece.normals[side, :2], shape.diameter / 2)
     found = []
-    low, high = np.quantile(heights, (0.05, 0.95))
+    low, high = ends_of(heights, 0.05)
     for base in clues.bases(piece.support):
         if base > low + 0.012 or high > base + shape.height + 0.012:
             continue
@@ -91,10 +94,10 @@ def _lying(piece: Piece, shape: Cylinder) -> list[Hypothesis]:
     points = piece.points[known]
     centre_across = float(np.median(points[:, :2] @ across - shape.diameter / 2 * (normals[:, :2] @ across)))
     along = points[:, :2] @ axis
-    low, high = np.quantile(along, (0.02, 0.98))
-    middles = [float(low + high) / 2]
+    low, high = ends_of(along, 0.02)
+    middles = [(low + high) / 2]
     if high - low < shape.height - 0.012:
-        middles += [float(low) + shape.height / 2, float(high) - shape.height / 2]
+        middles += [low + shape.height / 2, high - shape.height / 2]
     yaw = np.arctan2(axis[1], axis[0])
     c, s = np.cos(yaw), np.sin(yaw)
     found = []

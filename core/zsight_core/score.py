@@ -1,0 +1,54 @@
+"""How probable it is that an object is there, given what the image says of it.
+
+A logistic regression over measures of ``Evidence`` that grow with what speaks against it, so that no weight is below
+zero. The weights were fitted to 6816 candidates (1924 right) in simulated scenes of 1 to 17 objects under both noise
+models, structured light and time of flight; three more measures (share of pixels a little in front, share visible,
+number of pixels) got the weight zero and were left out.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from zsight_core.verify import Evidence
+
+__all__ = ["logit_of", "probability_of"]
+
+BIAS = 7.1
+
+_AGAINST: tuple[tuple[float, Callable[[Evidence], float]], ...] = (
+    (17.8, lambda e: min(1 - e.agreement, 0.5)),  # seen through
+    (16.4, lambda e: (e.goes_on + 0.5) / (_told(e) + 1)),  # the surface goes on outside
+    (12.9, lambda e: (e.nothing + 0.25) / (_told(e) + 1)),  # no such surface at the outline
+    (580.0, lambda e: min(e.sunk, 0.008)),  # metres behind the surface
+    (600.0, lambda e: min(e.raised, 0.008)),  # metres before it
+    (1.1, lambda e: -float(np.log((_told(e) + 1) / 30))),  # a short outline
+    (1.84, lambda e: e.offset),  # pixels off the outline
+    (1.82, lambda e: 1 - e.outlined),  # outline not seen
+)
+
+
+def probability_of(evidence: Evidence) -> float:
+    """How likely (0..1) the object is there."""
+    return float(1 / (1 + np.exp(-np.clip(logit_of(evidence), -50.0, 50.0))))
+
+
+def logit_of(evidence: Evidence) -> float:
+    """Logarithm of the odds that the object is there; for ranking, where probabilities round to 1."""
+    if evidence.match < FEWEST:
+        return -50.0
+    return BIAS - sum(weight * measure(evidence) for weight, measure in _AGAINST)
+
+
+FEWEST = 15.0
+"""Pixels below which nothing is told."""
+
+
+def _told(evidence: Evidence) -> float:
+    """Outline samples that say anything."""
+    return evidence.edge + evidence.goes_on + evidence.nothing
