@@ -19,9 +19,11 @@ from zsight_protocol.point_cloud import PointCloud2
 if TYPE_CHECKING:
     from zsight_protocol.message import Message
 
-__all__ = ["CHANNELS", "DEFAULT_NAMESPACE", "Cell", "Channel", "Delivery", "channel_of", "require_name"]
+__all__ = ["ANY_FINDER", "CHANNELS", "DEFAULT_NAMESPACE", "Cell", "Channel", "Delivery", "channel_of", "require_name"]
 
 DEFAULT_NAMESPACE = "zsight"
+ANY_FINDER = "any"
+"""Every finder serves goals under this name too, and the network hands each to the best match."""
 
 
 class Delivery(StrEnum):

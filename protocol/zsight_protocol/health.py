@@ -9,7 +9,7 @@ from pydantic import Field, Strict
 
 from zsight_protocol.message import Bare, Count, Float64, Header, Message, Time
 
-__all__ = ["Health", "Level", "ReaderHealth", "WriterHealth"]
+__all__ = ["Health", "Latency", "Level", "ReaderHealth", "WriterHealth"]
 
 
 class Level(IntEnum):
@@ -21,24 +21,42 @@ class Level(IntEnum):
     STALE = 3
 
 
+class Latency(Message):
+    """How long a stage took of late, milliseconds; negative where the clocks of two hosts differ."""
+
+    p50_ms: Float64
+    p99_ms: Float64
+    max_ms: Float64
+
+
 class WriterHealth(Message):
-    """One key that a process writes."""
+    """One key that a process writes; ``since_stamp`` is from a message's own stamp until it was sent."""
 
     key: str
     sent: Count
     rate_hz: Annotated[Float64, Field(ge=0)]
     bytes_per_second: Annotated[Float64, Field(ge=0)]
+    since_stamp: Latency | None = None
 
 
 class ReaderHealth(Message):
-    """One key that a process reads; missed messages were superseded by newer ones or lost on the way."""
+    """One key that a process reads.
+
+    Of the messages sent since it reads, each was received, superseded by a newer one before it was taken, lost on the
+    way, or refused as not decodable; late ones were held up on the way, whatever became of them. ``on_the_way`` is from
+    sending to arrival, ``since_stamp`` from a message's own stamp until the reader had it decoded.
+    """
 
     key: str
     received: Count
-    missed: Count
+    superseded: Count
+    lost: Count
+    late: Count
     refused: Count
     rate_hz: Annotated[Float64, Field(ge=0)]
     age_of_last: Float64 | None = None
+    on_the_way: Latency | None = None
+    since_stamp: Latency | None = None
 
 
 class Health(Message):

@@ -13,8 +13,8 @@ from collections import deque
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
 
-from zsight.errors import ConnectionLost
-from zsight_core.errors import Cancelled
+from zsight.errors import ConnectionLost, ZsightError
+from zsight_core.errors import Cancelled, CoreError
 from zsight_protocol.action import (
     ENDED,
     CancelCode,
@@ -28,6 +28,7 @@ from zsight_protocol.action import (
     UpdateList,
     move,
 )
+from zsight_protocol.channels import ANY_FINDER
 from zsight_protocol.codec import decode, encode
 from zsight_protocol.errors import ProtocolError
 from zsight_protocol.message import Message, Time
@@ -165,6 +166,7 @@ class ActionServer(Generic[Goal, Result]):
             bus.serve(bus.cell.cancel(name), self._cancel_asked),
             bus.serve(bus.cell.result(name), self._result_asked),
             bus.serve(bus.cell.find_object(name), self._goal_asked),
+            bus.serve(bus.cell.find_object(ANY_FINDER), self._goal_asked),
         ]
         self._tell_status()
 
@@ -300,6 +302,9 @@ class ActionServer(Generic[Goal, Result]):
             return self._work.execute(handle), GoalState.SUCCEEDED
         except Cancelled:
             return self._work.stopped(handle), GoalState.ABORTED
+        except (ZsightError, CoreError) as error:
+            log.warning("goal %s failed: %s", handle.goal_id, error)
+            return self._work.failed(handle.goal, error), GoalState.ABORTED
         except Exception as error:
             log.exception("goal %s failed", handle.goal_id)
             return self._work.failed(handle.goal, error), GoalState.ABORTED

@@ -27,6 +27,7 @@ from zsight.errors import (
 from zsight.merging import MergedObject, merge
 from zsight.network import Network
 from zsight_protocol.action import GoalState, ResultRequest, Update, UpdateList, new_goal_id
+from zsight_protocol.channels import ANY_FINDER
 from zsight_protocol.channels import Cell as Keys
 from zsight_protocol.codec import decode, encode
 from zsight_protocol.find_object import Capture, FindObjectGoal, FindObjectResult, ResultCode
@@ -43,8 +44,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Catalog", "CellClient", "Cloud", "answer_of", "connect"]
 
-ANY = "*"
-"""Any finder: the network chooses the best match."""
+ALL = "*"
 
 _REQUEST_TIMEOUT = 2.0  # seconds for questions that are answered at once
 
@@ -113,7 +113,7 @@ class CellClient:
         self,
         object_type: str,
         *,
-        finder: str = ANY,
+        finder: str = ANY_FINDER,
         frame: str = "",
         known_height: float | None = None,
         region: Region | None = None,
@@ -133,14 +133,14 @@ class CellClient:
             timeout=timeout,
         )
         cell = self.bus.cell
-        keys = (cell.find_object(finder), cell.cancel(finder))
+        keys = (cell.find_object(finder), cell.cancel(finder if finder != ANY_FINDER else ALL))
         return GoalCall(self.bus, keys, goal, goal.goal_id, FindObjectResult, timeout)
 
     def find(
         self,
         object_type: str,
         *,
-        finder: str = ANY,
+        finder: str = ANY_FINDER,
         frame: str = "",
         known_height: float | None = None,
         region: Region | None = None,
@@ -237,19 +237,19 @@ class CellClient:
 
     def finders(self) -> list[str]:
         """Names of all finders that are there."""
-        prefix, suffix = self.bus.cell.status(ANY).split(ANY)
+        prefix, suffix = self.bus.cell.status(ALL).split(ALL)
         keys = {writer.key for beat in ask_health(self.bus) for writer in beat.writers}
         return sorted(k[len(prefix) : -len(suffix)] for k in keys if k.startswith(prefix) and k.endswith(suffix))
 
-    def cancel(self, goal_id: str | None = None, *, finder: str = ANY) -> CancelResponse:
+    def cancel(self, goal_id: str | None = None, *, finder: str = ALL) -> CancelResponse:
         """Cancel one goal, or all goals, of a finder or of all."""
         return cancel_goal(self.bus, self.bus.cell.cancel(finder), goal_id)
 
-    def results(self, goal_id: str | None = None, *, finder: str = ANY) -> list[Update[FindObjectResult]]:
+    def results(self, goal_id: str | None = None, *, finder: str = ALL) -> list[Update[FindObjectResult]]:
         """How goals of the last minute stand or ended: one, or all of them, oldest first."""
         kind: type[UpdateList[FindObjectResult]] = UpdateList[FindObjectResult]
         key = self.bus.cell.result(finder)
-        answers = _ask(self.bus, key, ResultRequest(goal_id=goal_id), kind, everyone=finder == ANY)
+        answers = _ask(self.bus, key, ResultRequest(goal_id=goal_id), kind, everyone=finder == ALL)
         return [update for answer in answers for update in answer.updates]
 
     def clouds(self, key: str = "kinect/points", *, timeout: float | None = None) -> Iterator[Cloud]:
@@ -287,7 +287,7 @@ class Catalog:
 
     def list(self) -> list[ObjectType]:
         """All types."""
-        return [*self._ask(CatalogRequest(action="list"), ANY).types]
+        return [*self._ask(CatalogRequest(action="list"), ALL).types]
 
     def get(self, name: str) -> ObjectType:
         """One type by name or number.

@@ -28,6 +28,7 @@ KEYS: dict[str, KeyOf] = {
     "tf_static": lambda cell, _a, _b: cell.tf_static,
     "find_object/*": lambda cell, a, _b: cell.find_object(a),
     "find_object/*/cancel": lambda cell, a, _b: cell.cancel(a),
+    "find_object/*/result": lambda cell, a, _b: cell.result(a),
     "find_object/*/status": lambda cell, a, _b: cell.status(a),
     "find_object/*/feedback": lambda cell, a, _b: cell.feedback(a),
     "catalog/*": lambda cell, a, _b: cell.catalog(a),

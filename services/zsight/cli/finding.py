@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from zsight.cli.options import Connect, Json, Namespace, Picture, network_of
-from zsight.cli.output import print_json, say
+from zsight.cli.options import CameraPose, Connect, Intrinsics, Json, Namespace, Picture, network_of
+from zsight.cli.output import numbers, print_json, say
 from zsight.errors import UsageError
 
 if TYPE_CHECKING:
@@ -20,6 +20,7 @@ __all__ = ["describe", "find", "result_json"]
 
 
 def find(
+    context: typer.Context,
     object_type: Annotated[
         str, typer.Argument(metavar="TYPE", help="Catalogue name or the book's number, such as toy_block or 1000.")
     ],
@@ -36,16 +37,17 @@ def find(
         typer.Option("--region", metavar='"X0 Y0 Z0 X1 Y1 Z1"', help="Only what lies in this box of the frame."),
     ] = None,
     new: Annotated[bool, typer.Option("--new", help="Wait for a cloud measured after the question.")] = False,
-    finder: Annotated[str, typer.Option("--finder", help="Which finder is asked; the best match if not given.")] = "*",
+    finder: Annotated[
+        str, typer.Option("--finder", help="Which finder is asked; the best match if not given.")
+    ] = "any",
     cloud: Annotated[
         Path | None,
         typer.Option(
             "--cloud", metavar="FILE", help="Look into this file (.pcd, .ply, ..-depth.png) instead; no network."
         ),
     ] = None,
-    camera_pose: Annotated[
-        str, typer.Option("--camera-pose", metavar='"X Y Z QX QY QZ QW"', help="With --cloud: the camera in the world.")
-    ] = "",
+    camera_pose: CameraPose = "",
+    intrinsics: Intrinsics = None,
     catalogue: Annotated[
         Path | None,
         typer.Option("--catalogue", metavar="FOLDER", help="With --cloud: further object types (YAML files)."),
@@ -56,11 +58,12 @@ def find(
 ) -> None:
     """Find an object; exit code 0 found, 1 not found or cannot tell, 3 nobody answers, 4 too late, 5 cancelled."""
     box = _region(region)
+    _require_sense(context, offline=cloud is not None)
     if cloud is not None:
         from zsight.offline import find_in_file
 
         result = find_in_file(
-            cloud, object_type, pose=camera_pose, catalogue=catalogue, known_height=known_height, region=box,
+            cloud, object_type, intrinsics=intrinsics, pose=camera_pose, catalogue=catalogue, known_height=known_height, region=box,
             maximum=0 if every else 1, timeout=timeout, picture=picture,
         )  # fmt: skip
     else:
@@ -77,6 +80,19 @@ def find(
     raise typer.Exit(0 if result.objects else 1)
 
 
+_ONLINE = ("frame", "new", "finder", "connect", "namespace")
+_OFFLINE = ("camera_pose", "intrinsics", "catalogue")
+
+
+def _require_sense(context: typer.Context, *, offline: bool) -> None:
+    """That no option is given that would be passed over."""
+    for name in _ONLINE if offline else _OFFLINE:
+        source = context.get_parameter_source(name)
+        if source is not None and source.name == "COMMANDLINE":
+            option = f"--{name.replace('_', '-')}"
+            raise UsageError(f"{option} means nothing with --cloud" if offline else f"{option} needs --cloud FILE")
+
+
 def _region(text: str | None) -> Region | None:
     if text is None:
         return None
@@ -88,7 +104,8 @@ def _region(text: str | None) -> Region | None:
         numbers = [float(part) for part in text.replace(",", " ").split()]
         return Region(low=(numbers[0], numbers[1], numbers[2]), high=(numbers[3], numbers[4], numbers[5]))
     except (ValueError, IndexError, ValidationError) as error:
-        reason = error.errors()[0]["msg"] if isinstance(error, ValidationError) else "six numbers are needed"
+        words = error.errors()[0]["msg"] if isinstance(error, ValidationError) else "six numbers are needed"
+        reason = words.removeprefix("Value error, ")
         raise UsageError(f"the region is {text!r} ({reason}); expected x0 y0 z0 x1 y1 z1, low corner first") from None
 
 
@@ -128,14 +145,14 @@ def _object_json(found: DetectedObject) -> dict[str, Any]:
 
 def describe(result: FindObjectResult) -> str:
     """The answer in words."""
-    if not result.objects:
-        words = {"not_found": "not found", "cannot_tell": "cannot tell"}[result.status.value]
-        return (
-            f"{words}: {result.message}"
-            if result.message
-            else f"{words} (probability of absence {result.p_absent:.3f})"
-        )
-    return "\n".join(_describe_one(found, result.header.frame_id) for found in result.objects)
+    if result.objects:
+        return "\n".join(_describe_one(found, result.header.frame_id) for found in result.objects)
+    words = result.status.value.replace("_", " ")
+    if result.message:
+        return f"{words}: {result.message}"
+    if not result.report.get("supports", True):
+        return f"{words}: no surface was seen that things could stand on"
+    return f"{words} (probability of absence {result.p_absent:.3f})"
 
 
 def _describe_one(found: DetectedObject, frame: str) -> str:
@@ -143,8 +160,7 @@ def _describe_one(found: DetectedObject, frame: str) -> str:
     deviations = [math.sqrt(max(found.covariance[7 * axis], 0.0)) * 1e3 for axis in range(3)]
     flags = "".join(f", {word}" for word in ("truncated", "occluded") if getattr(found, word))
     return (
-        f"{found.type} at ({place.x:.4f}, {place.y:.4f}, {place.z:.4f}) m in {frame}, "
-        f"turned ({turn.x:.4f}, {turn.y:.4f}, {turn.z:.4f}, {turn.w:.4f}), "
-        f"probability {found.score:.3f}, +-({deviations[0]:.2f}, {deviations[1]:.2f}, {deviations[2]:.2f}) mm, "
-        f"{found.visible_fraction:.0%} visible{flags}"
+        f"{found.type}, probability {found.score:.3f}, {found.visible_fraction:.0%} visible{flags}\n"
+        f"  position     {numbers((place.x, place.y, place.z))} m in {frame}, +- {numbers(deviations, 2)} mm\n"
+        f"  orientation  {numbers((turn.x, turn.y, turn.z, turn.w))} x y z w"
     )
