@@ -5,16 +5,20 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from zsight.errors import UsageError
-from zsight_core import cloud_file, depth_camera, pcd, ply, rgbd
+from zsight.sources import pose_matrix
+from zsight_core import cloud_file, depth_camera, pcd, ply, rgbd, transform
 from zsight_core.cloud_file import LoadedCloud
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
+    import numpy as np
+    from numpy.typing import NDArray
+
     from zsight_core.points import Points
 
-__all__ = ["read", "write"]
+__all__ = ["camera_pose", "read", "write"]
 
 _LEVEL = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
 _COLOUR, _DEPTH = "-color.png", "-depth.png"
@@ -40,6 +44,18 @@ def read(path: Path, intrinsics: Path | None = None) -> LoadedCloud:
     return LoadedCloud(rgbd.read(path.parent / (stem + _COLOUR), path.parent / (stem + _DEPTH), camera))
 
 
+def camera_pose(text: str, cloud: LoadedCloud) -> NDArray[np.float64] | None:
+    """T_world_camera (4, 4) of "x y z qx qy qz qw", or of a cloud where the text is "viewpoint"; none of no text.
+
+    Raises:
+        UsageError: the text is something else.
+    """
+    if text == "viewpoint":
+        x, y, z, qw, qx, qy, qz = cloud.viewpoint
+        return transform.from_quaternion((x, y, z), (qx, qy, qz, qw))
+    return pose_matrix(text) if text else None
+
+
 def write(
     path: Path,
     points: Points,
@@ -52,10 +68,13 @@ def write(
     """Write a cloud; the file appears whole or not at all.
 
     Raises:
-        FileError: the file exists and overwrite is not given, or it cannot be written.
-        UsageError: the suffix is neither .pcd nor .ply, or the encoding does not exist there.
+        FileError: it cannot be written.
+        UsageError: the file exists and overwrite is not given; the suffix is neither .pcd nor .ply, or the encoding
+            does not exist there.
     """
     suffix = path.suffix.lower()
+    if path.exists() and not overwrite:
+        raise UsageError(f"{path} is there already: choose another name, or give --force to overwrite it")
     if ascii_text and compressed:
         raise UsageError("a cloud is either ascii or compressed: choose one")
     if suffix == ".pcd":

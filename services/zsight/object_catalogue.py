@@ -103,14 +103,18 @@ def read_type(path: Path) -> ObjectType:
     try:
         node = yaml.compose(path.read_text(encoding="utf-8"), Loader=yaml.SafeLoader)
         entries = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+    except OSError as error:
+        raise UsageError(f"{path}: cannot be read: {error.strerror}") from None
+    except (UnicodeDecodeError, yaml.YAMLError) as error:
         raise UsageError(f"{path}: not readable as YAML: {error}") from None
     try:
         return ObjectType.model_validate(entries)
     except ValidationError as error:
         first = error.errors(include_url=False, include_input=False)[0]
         where = ".".join(str(part) for part in first["loc"]) or "the file"
-        raise UsageError(f"{path}, line {_line_of(node, first['loc'])}: {where}: {first['msg']}") from None
+        raise UsageError(
+            f"{path}, line {_line_of(node, first['loc'])}: {where}: {first['msg'].removeprefix('Value error, ')}"
+        ) from None
 
 
 def _line_of(node: yaml.Node | None, location: tuple[int | str, ...]) -> int:

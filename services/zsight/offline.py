@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from zsight import cloud_input, finding, object_catalogue
-from zsight.errors import DeadlinePassed
-from zsight.sources import pose_matrix
+from zsight.errors import DeadlinePassed, UsageError
 from zsight_core import scene as scene_core
 from zsight_core.errors import Cancelled
 from zsight_protocol.message import Time
@@ -42,8 +41,8 @@ def find_in_file(
         path: the cloud, see zsight.cloud_input.
         object_type: catalogue name, or the book's number as text.
         intrinsics: camera file of an image pair.
-        pose: "x y z qx qy qz qw" of the camera in the world; empty: the answer is in the camera's frame, and the
-            support surface is found without knowing which way is up.
+        pose: "x y z qx qy qz qw" of the camera in the world, or "viewpoint" for the one in the file; empty: the answer
+            is in the camera's frame, and the support surface is found without knowing which way is up.
         catalogue: folder of further object types.
         known_height: height of the support surface in the world, metres; needs a pose.
         region: only what lies inside, in the frame of the answer.
@@ -59,10 +58,13 @@ def find_in_file(
     folders = [object_catalogue.shipped_folder(), *([catalogue] if catalogue is not None else [])]
     types = object_catalogue.load(*folders)
     name = types.resolve(object_type).name
-    T_world_camera = pose_matrix(pose) if pose else None
+    cloud = cloud_input.read(path, intrinsics)
+    points = cloud.points
+    T_world_camera = cloud_input.camera_pose(pose, cloud)
+    if known_height is not None and T_world_camera is None:
+        raise UsageError("a known height is a height in the world: give the camera's pose in it as well")
     T_frame_camera = np.eye(4) if T_world_camera is None else T_world_camera
     frame = "camera" if T_world_camera is None else "world"
-    points = cloud_input.read(path, intrinsics).points
     deadline = time.monotonic() + timeout
 
     def checkpoint(stage: str, fraction: float) -> None:

@@ -42,6 +42,7 @@ SUPERVISED = "ZSIGHT_SUPERVISED"
 
 _BEAT = 1.0  # seconds between health beats
 _RETRY = 0.1  # seconds between attempts to reach the router
+_SILENT = 2.0  # seconds that a process waits for the router without a word
 
 
 def version() -> str:
@@ -75,13 +76,18 @@ def join(network: Network, *, wait: float = 0.0, stopping: threading.Event | Non
         ConnectionLost: none did.
     """
     stop = stopping or threading.Event()
-    deadline = time.monotonic() + wait
+    started = time.monotonic()
+    told = False
     while True:
         try:
             return Bus(open_link(network), Cell(network.namespace))
         except ConnectionLost:
-            if time.monotonic() >= deadline or stop.wait(_RETRY):
+            waited = time.monotonic() - started
+            if waited >= wait or stop.wait(_RETRY):
                 raise
+            if waited > _SILENT and not told:
+                told = True
+                log.info("waiting for a router at %s, up to %g s", ", ".join(network.connect), wait)
 
 
 def run_service(service: Service, settings: Settings, process: str, network: Network) -> int:

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import os
-import tempfile
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from zsight.errors import UsageError
 from zsight_core import picture
-from zsight_core.errors import FileError
+from zsight_core.atomic_file import atomic_file
 from zsight_core.points import from_xyz, xyz
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from numpy.typing import NDArray
 
     from zsight_core.points import Points
@@ -51,23 +51,13 @@ def save_labels(path: Path, labels: NDArray[np.int32], *, overwrite: bool) -> No
     """Write labels (H, W) as .npy; the file appears whole or not at all.
 
     Raises:
-        FileError: it exists and overwrite is not given, or cannot be written.
+        FileError: it cannot be written.
+        UsageError: it exists and overwrite is not given.
     """
     if path.exists() and not overwrite:
-        raise FileError(path, "exists already; give --force to overwrite it")
-    try:
-        with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".part", delete=False) as beside:
-            np.save(beside, labels.astype(np.int32))
-        Path(beside.name).chmod(0o666 & ~_umask())
-        Path(beside.name).replace(path)
-    except OSError as error:
-        raise FileError(path, f"cannot be written ({error.strerror})") from None
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
+        raise UsageError(f"{path} is there already: choose another name, or give --force to overwrite it")
+    with atomic_file(path, overwrite=overwrite) as file:
+        np.save(file, labels.astype(np.int32))
 
 
 def draw(path: Path, points: Points, scene: Scene) -> None:

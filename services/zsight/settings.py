@@ -40,8 +40,15 @@ def parse(kind: type[S], values: Mapping[str, Any]) -> S:
 
 
 def describe(kind: type[Settings]) -> list[tuple[str, str, str]]:
-    """Name, default and description of each setting."""
+    """Name, default ("-" for none) and description of each setting."""
     return [
-        (name.replace("_", "-"), str(field.default), field.description or "")
+        (name.replace("_", "-"), _text(field.default), field.description or "")
         for name, field in kind.model_fields.items()
     ]
+
+
+def _text(default: Any) -> str:
+    """A default as it would be typed."""
+    if default is None or default == "":
+        return "-"
+    return str(default).lower() if isinstance(default, bool) else str(default)

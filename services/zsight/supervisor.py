@@ -109,12 +109,17 @@ class Supervisor:
             while not child.alive.wait(0.02):
                 code = child.process.poll() if child.process is not None else None
                 if code is not None:
-                    raise _ended(child, code)
+                    raise self._ended(child, code)
                 if self.stopping.is_set():
                     return
                 if time.monotonic() > deadline:
                     late = ", ".join(c.entry.name for c in self.children if not c.alive.is_set())
                     raise ConnectionLost(f"not ready within {timeout:g} s: {late}")
+
+    def _ended(self, child: Child, code: int) -> ZsightError:
+        words = "" if self._echo else "; its last words:\n" + "\n".join(list(child.last_words)[-8:])
+        kind = UsageError if code == _NO_USE else ZsightError
+        return kind(f"{child.entry.name} ended at its start ({_reason(code)}){words}")
 
     def watch(self) -> None:
         """Start again what dies, until stopping is set or nothing is left to watch."""
@@ -214,12 +219,6 @@ def _wait_or_kill(process: subprocess.Popen[bytes], deadline: float) -> None:
     for pipe in (process.stdin, process.stderr):
         if pipe is not None:
             pipe.close()
-
-
-def _ended(child: Child, code: int) -> ZsightError:
-    words = "\n".join(list(child.last_words)[-8:])
-    kind = UsageError if code == _NO_USE else ZsightError
-    return kind(f"{child.entry.name} ended at its start ({_reason(code)}); its last words:\n{words}")
 
 
 def _reason(code: int) -> str:

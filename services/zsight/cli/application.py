@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
 import typer
 
-from zsight.cli import benching, catalog, cells, clouds, demonstrate, finding, nodes, running, topics
+from zsight.cli import benching, catalog, cells, clouds, demonstrate, explaining, finding, nodes, running, topics
 
 __all__ = ["app"]
 
@@ -32,6 +34,8 @@ app.add_typer(clouds.tools, name="cloud")
 app.add_typer(topics.app, name="topic")
 app.add_typer(nodes.app, name="node")
 app.add_typer(catalog.app, name="catalog")
+app.command()(explaining.why)
+app.add_typer(explaining.calibrate, name="calibrate")
 app.command()(running.warm)
 app.command()(benching.bench)
 
@@ -42,3 +46,18 @@ def version() -> None:
     from zsight.runtime import version as of_this
 
     typer.echo(of_this())
+
+
+def _print_version(asked: bool) -> None:
+    if asked:
+        version()
+        raise typer.Exit(0)
+
+
+@app.callback()
+def _options(
+    _: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and exit.")
+    ] = False,
+) -> None:
+    """Find objects in point clouds over Eclipse Zenoh, with no ROS."""

@@ -45,7 +45,9 @@ def show(name: Name, json: Json = False, connect: Connect = None, namespace: Nam
     if json:
         print_json(_type_json(kind))
     else:
-        typer.echo(yaml.safe_dump(_type_json(kind), sort_keys=False, allow_unicode=True), nl=False)
+        values = {name: value for name, value in _type_json(kind).items() if value not in ("", [], {})}
+        text = yaml.safe_dump(values, sort_keys=False, allow_unicode=True, default_flow_style=None, width=120)
+        typer.echo(text, nl=False)
 
 
 @app.command()

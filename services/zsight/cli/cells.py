@@ -9,13 +9,13 @@ import time
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import IO, TYPE_CHECKING, Annotated
 
 import typer
 
 from zsight.cli.options import Connect, Namespace, network_of
 from zsight.cli.output import say
-from zsight.errors import NobodyAnswers, ZsightError
+from zsight.errors import NobodyAnswers, UsageError, ZsightError
 
 if TYPE_CHECKING:
     from zsight.cell_file import CellFile
@@ -44,10 +44,10 @@ def up(
     from zsight.supervisor import Supervisor
 
     table = cell_file.read(file) if file is not None else cell_file.DEFAULT_TABLE
-    network = _network(table, connect, namespace, listen)
     if detach:
-        _detach(network)
+        _detach()
         return
+    network = _network(table, connect, namespace, listen)
     supervisor = Supervisor(table.processes, network, say=say, echo=not quiet)
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: supervisor.stopping.set())
@@ -61,15 +61,11 @@ def up(
 
 
 def down(connect: Connect = None, namespace: Namespace = None) -> None:
-    """Stop what ``zsight up`` started on this host."""
+    """Stop what "zsight up" started on this host."""
     network = network_of(connect, namespace)
-    path = _pid_path(network)
-    try:
-        pid = int(path.read_text(encoding="ascii"))
-        os.kill(pid, signal.SIGTERM)
-    except (OSError, ValueError):
-        path.unlink(missing_ok=True)
-        raise NobodyAnswers(f"no cell {network.namespace} was started on this host by this user") from None
+    path = _running(network)
+    pid = int(path.read_text(encoding="ascii"))
+    os.kill(pid, signal.SIGTERM)
     deadline = time.monotonic() + 5.0
     pause = threading.Event()
     while _runs(pid):
@@ -96,11 +92,54 @@ def _reachable(endpoint: str) -> str:
     return endpoint.replace("0.0.0.0", "127.0.0.1").replace("[::]", "[::1]")  # noqa: S104  compared, not bound
 
 
-def _pid_path(network: Network) -> Path:
+def _pid_path(network: Network, endpoint: str | None = None) -> Path:
+    """Where the number of the process that holds a cell is noted: one file a namespace and router."""
     import tempfile
 
     folder = os.environ.get("XDG_RUNTIME_DIR") or tempfile.gettempdir()
-    return Path(folder) / f"zsight-{os.getuid() if hasattr(os, 'getuid') else 'user'}-{network.namespace}.pid"
+    user = os.getuid() if hasattr(os, "getuid") else "user"
+    router = (endpoint or network.connect[0]).replace("/", "_")
+    return Path(folder) / f"zsight-{user}-{network.namespace}@{router}.pid"
+
+
+def _running(network: Network) -> Path:
+    """The pid file of the cell that is meant: the one on the router that the options name, else the only one.
+
+    Raises:
+        NobodyAnswers: there is none.
+        UsageError: there are several on other routers.
+    """
+    own = _pid_path(network)
+    pattern = _pid_path(network, "*").name
+    running = [path for path in sorted(own.parent.glob(pattern)) if _is_held(path)]
+    if own in running:
+        return own
+    if not running:
+        raise NobodyAnswers(f"no cell {network.namespace} was started on this host by this user")
+    if len(running) > 1:
+        routers = ", ".join(path.stem.partition("@")[2].replace("_", "/") for path in running)
+        raise UsageError(f"cells {network.namespace} are up at {routers}: name one with --connect")
+    return running[0]
+
+
+def _is_held(path: Path) -> bool:
+    """Whether the process that a pid file names still holds its lock; its number may be another process's by now."""
+    with suppress(OSError), path.open("rb") as file:
+        if not _lock(file):
+            return True
+    path.unlink(missing_ok=True)
+    return False
+
+
+def _lock(file: IO[bytes]) -> bool:
+    """Take the lock on a file, for as long as it is open; false where somebody else has it."""
+    import fcntl
+
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True
 
 
 class _pid_file:  # noqa: N801  reads as the action it is
@@ -110,12 +149,13 @@ class _pid_file:  # noqa: N801  reads as the action it is
         self._path = _pid_path(network)
 
     def __enter__(self) -> None:
-        self._path.write_text(str(os.getpid()), encoding="ascii")
+        self._file = self._path.open("wb", buffering=0)
+        _lock(self._file)
+        self._file.write(str(os.getpid()).encode())
 
     def __exit__(self, *_: object) -> None:
-        with suppress(OSError):
-            if self._path.read_text(encoding="ascii") == str(os.getpid()):
-                self._path.unlink()
+        self._path.unlink(missing_ok=True)
+        self._file.close()
 
 
 def _runs(pid: int) -> bool:
@@ -128,7 +168,7 @@ def _runs(pid: int) -> bool:
     return True
 
 
-def _detach(network: Network) -> None:
+def _detach() -> None:
     """Start the same command in the background, and wait until its cell is up."""
     import subprocess
     import sys
@@ -143,13 +183,19 @@ def _detach(network: Network) -> None:
             stderr=log,
             start_new_session=True,
         )
-    path = _pid_path(network)
     pause = threading.Event()
-    while process.poll() is None:
-        if "up: " in Path(log.name).read_text(encoding="utf-8", errors="replace"):
-            say(f"up as process {process.pid}, log in {log.name}; stop with: zsight down")
-            return
-        pause.wait(0.05)
+    try:
+        while process.poll() is None:
+            if "\nup: " in "\n" + Path(log.name).read_text(encoding="utf-8", errors="replace"):
+                say(f"up as process {process.pid}, log in {log.name}; stop with: zsight down")
+                return
+            pause.wait(0.05)
+    except KeyboardInterrupt:
+        process.terminate()
+        process.wait()
+        raise
     words = Path(log.name).read_text(encoding="utf-8", errors="replace").strip().splitlines()
-    path.unlink(missing_ok=True)
-    raise NobodyAnswers("the cell did not come up; its last words:\n" + "\n".join(words[-8:]))
+    Path(log.name).unlink()
+    last = "\n".join(words[-8:]).removeprefix("zsight: ")
+    kind = UsageError if process.returncode == UsageError.exit_code else NobodyAnswers
+    raise kind(last if len(words) == 1 else f"the cell did not come up; its last words:\n{last}")

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from zsight.cli.options import Connect, Force, Json, Namespace, Out, Picture, network_of
-from zsight.cli.output import print_json, print_table, say
+from zsight.cli.options import CameraPose, Connect, Force, Intrinsics, Json, Namespace, Out, Picture, network_of
+from zsight.cli.output import number, numbers, print_json, print_table, say
 from zsight.errors import DeadlinePassed, UsageError
 
 if TYPE_CHECKING:
@@ -17,15 +17,8 @@ if TYPE_CHECKING:
 __all__ = ["downsample", "plane", "segment", "snapshot", "tools"]
 
 File = Annotated[Path, typer.Argument(metavar="FILE", help="A cloud: .pcd, .ply, or NAME-depth.png with its partner.")]
-Intrinsics = Annotated[
-    Path | None, typer.Option("--intrinsics", metavar="FILE", help="Camera of an image pair: .toml or .json.")
-]
 Ascii = Annotated[bool, typer.Option("--ascii", help="Write text instead of binary.")]
 Compressed = Annotated[bool, typer.Option("--compressed", help="Write a compressed PCD.")]
-CameraPose = Annotated[
-    str,
-    typer.Option("--camera-pose", metavar='"X Y Z QX QY QZ QW"', help="The camera in the world, where it is known."),
-]
 
 
 def segment(
@@ -45,11 +38,11 @@ def segment(
     """
     from zsight import cloud_input
     from zsight.segmenting import draw, save_labels, segment_json
-    from zsight.sources import pose_matrix
     from zsight_core.scene import understand
 
-    points = cloud_input.read(file, intrinsics).points
-    scene = understand(points, T_world_camera=pose_matrix(camera_pose) if camera_pose else None)
+    cloud = cloud_input.read(file, intrinsics)
+    points = cloud.points
+    scene = understand(points, T_world_camera=cloud_input.camera_pose(camera_pose, cloud))
     if labels is not None:
         save_labels(labels, scene.labels, overwrite=force)
     if picture is not None:
@@ -60,13 +53,11 @@ def segment(
     elif report["support"] is None:
         say("no support surface")
     else:
-        normal = ", ".join(f"{value:.4f}" for value in report["support"]["normal"])
-        say(f"support: normal ({normal}), {report['support']['distance']:.4f} m; {len(report['objects'])} objects")
-        rows = [
-            (o["label"], o["points"], *(" ".join(f"{v:.3f}" for v in o[key]) for key in ("centroid", "size")))
-            for o in report["objects"]
-        ]
-        print_table(["label", "points", "centroid (m)", "size (m)"], rows)
+        normal, distance = numbers(report["support"]["normal"]), number(report["support"]["distance"])
+        say(f"support: normal {normal}, distance {distance} m; {len(report['objects'])} objects")
+        rows = [(o["label"], o["points"], numbers(o["centroid"], 3), numbers(o["size"], 3)) for o in report["objects"]]
+        if rows:
+            print_table(["label", "points", "centroid (m)", "size (m)"], rows)
     raise typer.Exit(0 if report["support"] is not None else 1)
 
 
@@ -137,9 +128,9 @@ def plane(
     if json:
         print_json(report)
     else:
-        normal = ", ".join(f"{value:.5f}" for value in report["normal"])
         say(
-            f"normal ({normal}), distance {report['distance']:.4f} m, {report['inliers']} points, rms {1e3 * report['rms']:.2f} mm"
+            f"normal {numbers(report['normal'], 5)}, distance {number(report['distance'])} m, "
+            f"{report['inliers']} points, rms {1e3 * report['rms']:.2f} mm"
         )
 
 
@@ -255,7 +246,12 @@ def info(file: File, intrinsics: Intrinsics = None, json: Json = False) -> None:
     if json:
         print_json(report)
     else:
-        print_table(["", ""], [(name, _words(value)) for name, value in report.items()])
+        _print_report({"viewpoint (xyz, qw qx qy qz)" if k == "viewpoint" else k: v for k, v in report.items()})
+
+
+def _print_report(report: dict[str, Any]) -> None:
+    """Names and values, one a line; what is not known is left out."""
+    print_table([], [(name, _words(value)) for name, value in report.items() if value is not None])
 
 
 def _words(value: Any) -> str:
@@ -263,7 +259,7 @@ def _words(value: Any) -> str:
         value = value.tolist()
     if isinstance(value, list | tuple):
         return " ".join(_words(entry) for entry in value)
-    return f"{value:.4f}" if isinstance(value, float) else str(value)
+    return number(value) if isinstance(value, float) else str(value)
 
 
 @tools.command()
@@ -338,9 +334,7 @@ def filter_points(
 @tools.command()
 def table(
     file: File,
-    camera_pose: Annotated[
-        str, typer.Option("--camera-pose", metavar='"X Y Z QX QY QZ QW"', help="The camera in the world.")
-    ],
+    camera_pose: CameraPose = "viewpoint",
     low: Annotated[float, typer.Option("--low", help="Lowest table, metres.")] = 0.6,
     high: Annotated[float, typer.Option("--high", help="Highest table, metres.")] = 1.2,
     slab: Annotated[float, typer.Option("--slab", help="Thickness of a slab, metres.")] = 0.005,
@@ -349,11 +343,13 @@ def table(
 ) -> None:
     """The book's way to a table: the fullest slab, and the plane, centroid and major axis of the points in it."""
     from zsight import cloud_input
-    from zsight.sources import pose_matrix
     from zsight_core.table_height import fit_slab, table_height
 
-    points = cloud_input.read(file, intrinsics).points
-    T_world_camera = pose_matrix(camera_pose)
+    cloud = cloud_input.read(file, intrinsics)
+    points = cloud.points
+    T_world_camera = cloud_input.camera_pose(camera_pose, cloud)
+    if T_world_camera is None:
+        raise UsageError("the height of a table is one in the world: give the camera's pose in it")
     height = table_height(points, T_world_camera, low, high, slab)
     fit = fit_slab(points, T_world_camera, height - slab / 2, height + slab / 2)
     report = {
@@ -367,4 +363,4 @@ def table(
     if json:
         print_json(report)
     else:
-        print_table(["", ""], [(name, _words(value)) for name, value in report.items()])
+        _print_report(report)

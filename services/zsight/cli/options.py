@@ -10,7 +10,7 @@ import typer
 
 from zsight.network import Network
 
-__all__ = ["Connect", "Force", "Json", "Namespace", "Out", "Picture", "network_of"]
+__all__ = ["CameraPose", "Connect", "Force", "Intrinsics", "Json", "Namespace", "Out", "Picture", "network_of"]
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout.")]
 Connect = Annotated[
@@ -20,6 +20,17 @@ Namespace = Annotated[str | None, typer.Option("--namespace", help="The cell, wh
 Force = Annotated[bool, typer.Option("--force", help="Overwrite the output file.")]
 Out = Annotated[
     Path | None, typer.Option("--output", "-o", metavar="FILE", help="Write the cloud here (.pcd or .ply).")
+]
+Intrinsics = Annotated[
+    Path | None, typer.Option("--intrinsics", metavar="FILE", help="Camera of an image pair: .toml or .json.")
+]
+CameraPose = Annotated[
+    str,
+    typer.Option(
+        "--camera-pose",
+        metavar='"X Y Z QX QY QZ QW"',
+        help="The camera in the world, where it is known; the word viewpoint takes the one that the file has.",
+    ),
 ]
 Picture = Annotated[Path | None, typer.Option("--picture", metavar="FILE", help="Draw the result into a PNG file.")]
 

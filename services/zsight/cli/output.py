@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import json
 import math
+import shutil
 import sys
+import textwrap
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-__all__ = ["print_json", "print_table", "say"]
+__all__ = ["number", "numbers", "print_json", "print_table", "say"]
+
+_NARROWEST = 20  # columns; a last column with less room is not folded
 
 
 def print_json(value: Any) -> None:
@@ -37,15 +41,31 @@ def say(words: str) -> None:
     sys.stderr.flush()
 
 
-def print_table(headings: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
-    """A table for people, on stdout."""
-    from rich.console import Console
-    from rich.table import Table
+def number(value: float, digits: int = 4) -> str:
+    """A number with so many decimals, and zero without a sign."""
+    text = f"{value:.{digits}f}"
+    return text.removeprefix("-") if float(text) == 0 else text
 
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    for heading in headings:
-        table.add_column(heading, no_wrap=True)
-    for row in rows:
-        table.add_row(*(str(cell) for cell in row))
-    console = Console(soft_wrap=True)
-    console.print(table)
+
+def numbers(values: Iterable[float], digits: int = 4) -> str:
+    """Numbers in parentheses, as coordinates are written."""
+    return "(" + ", ".join(number(value, digits) for value in values) + ")"
+
+
+def print_table(headings: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
+    """A table for people, on stdout; without headings a list of names and values.
+
+    Nothing is cut off: at a terminal the last column goes on in further lines, elsewhere the lines are as long as they
+    have to be.
+    """
+    body = [[str(cell) for cell in row] for row in rows]
+    lines = [list(headings), *body] if headings else body
+    widths = [max(map(len, column)) for column in zip(*(line[:-1] for line in lines), strict=True)]
+    room = shutil.get_terminal_size().columns - sum(widths) - 2 * len(widths) if sys.stdout.isatty() else 0
+    for place, line in enumerate(lines):
+        start = "".join(cell.ljust(width + 2) for cell, width in zip(line, widths, strict=False))
+        ends = textwrap.wrap(line[-1], room) if room >= _NARROWEST else [line[-1]]
+        text = start + ("\n" + " " * len(start)).join(ends)
+        bold = headings and not place and sys.stdout.isatty()
+        sys.stdout.write(f"\x1b[1m{text.rstrip()}\x1b[0m\n" if bold else text.rstrip() + "\n")
+    sys.stdout.flush()

@@ -50,7 +50,7 @@ def _describe(name: str) -> None:
 
     row = find_service(name)
     say(f"zsight run {name}: {row.does}\n")
-    settings = [(f"--{option}", default or "-", words) for option, default, words in describe(row.settings())]
+    settings = [(f"--{option}", default, words) for option, default, words in describe(row.settings())]
     print_table(["setting", "default", ""], settings)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import time
+from enum import Enum
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -92,7 +93,8 @@ def echo(
 def _print_words(message: Any) -> None:
     import yaml
 
-    text = yaml.safe_dump(_shortened(message.model_dump(mode="python")), sort_keys=False, allow_unicode=True)
+    values = _shortened(message.model_dump(mode="python"))
+    text = yaml.safe_dump(values, sort_keys=False, allow_unicode=True, default_flow_style=None, width=120)
     typer.echo(f"{text}---")
 
 
@@ -105,7 +107,9 @@ def _shortened(value: Any) -> Any:
     if isinstance(value, list | tuple):
         short = [_shortened(entry) for entry in value[:12]]
         return [*short, f"... {len(value)} in all"] if len(value) > 12 else short
-    return value if isinstance(value, str | int | float | bool | None) and not hasattr(value, "name") else str(value)
+    if isinstance(value, Enum):
+        return value.name.lower()
+    return value if isinstance(value, str | int | float | bool | None) else str(value)
 
 
 @app.command()
