@@ -8,7 +8,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pydantic import Field
+from pydantic import Field, JsonValue
 
 from zsight import finding, object_catalogue
 from zsight.action_server import ActionServer, Policy
@@ -18,6 +18,7 @@ from zsight.errors import UsageError, ZsightError
 from zsight.settings import Settings as ServiceSettings
 from zsight.transforms import TransformBuffer, TransformUnknown
 from zsight_core import find as find_core
+from zsight_core import level
 from zsight_core import scene as scene_core
 from zsight_core.errors import CoreError
 from zsight_protocol.find_object import Capture, FindObjectGoal, FindObjectResult, ResultCode, Status
@@ -168,19 +169,42 @@ class FindObject:
             frame_id=frame,
             finder=self._settings.name,
         )
-        extra = {
+        return self._with_circumstances(result, handle, cloud, waited)
+
+    def _with_circumstances(
+        self,
+        result: FindObjectResult,
+        handle: GoalHandle[FindObjectGoal, FindObjectResult],
+        cloud: PointCloud2,
+        waited: float,
+    ) -> FindObjectResult:
+        """The result with its cloud, its times, and what seems wrong where nothing was found."""
+        timings: dict[str, float] = {
             "wait_for_cloud": waited * 1e3,
             "age_of_cloud": (Time.now().ns - cloud.header.stamp.ns) / 1e6,
             "in_finder": (time.monotonic() - handle.started) * 1e3,
         }
-        about = {
+        about: dict[str, JsonValue] = {
+            "object_type": handle.goal.object_type,
             "camera": self._settings.camera,
             "cloud_frame": cloud.header.frame_id,
             "points": cloud.width * cloud.height,
         }
         return result.model_copy(
-            update={"timings_ms": {**result.timings_ms, **extra}, "report": {**result.report, **about}}
+            update={
+                "message": "" if result.objects else self._frame_mistake(cloud, handle),
+                "timings_ms": {**result.timings_ms, **timings},
+                "report": {**result.report, **about},
+            }
         )
+
+    def _frame_mistake(self, cloud: PointCloud2, handle: GoalHandle[FindObjectGoal, FindObjectResult]) -> str:
+        """Whether the camera's pose contradicts the level surface that its cloud shows."""
+        T_world_camera = self._gravity(cloud)
+        if T_world_camera is None:
+            return ""
+        free = scene_core.understand(points_of(cloud), checkpoint=handle.checkpoint)
+        return level.frame_mistake(free.supports[0].normal, T_world_camera) if free.supports else ""
 
     def _cloud_for(self, handle: GoalHandle[FindObjectGoal, FindObjectResult]) -> PointCloud2 | None:
         """The cloud that the goal asks for; none where the camera is late."""
