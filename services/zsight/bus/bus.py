@@ -147,6 +147,14 @@ class Writer(Generic[M]):
         self._raw.close()
 
 
+_Entry = tuple["RawSample", Attachment | None, int, bool]
+"""A message that waits: its bytes, who sent it, when it was here (ns), whether it was held up on the way."""
+
+
+def _writer(attachment: Attachment | None) -> int | None:
+    return None if attachment is None else attachment.writer
+
+
 class Reader(Generic[M]):
     """Takes messages of one kind, as the delivery of their channel says, and counts what it missed."""
 
@@ -154,8 +162,8 @@ class Reader(Generic[M]):
         """Args: kind of message; delivery; counter that health beats read; event that ends the loop."""
         self.counter = counter
         self._kind = kind
-        self._latest = delivery is not Delivery.EVERY
-        self._pending: deque[tuple[RawSample, Attachment | None, int, bool]] = deque()
+        self._delivery = delivery
+        self._pending: deque[_Entry] = deque()
         self._changed = threading.Condition()
         self._stopping = stopping
         self._closed = False
@@ -170,10 +178,14 @@ class Reader(Generic[M]):
         attachment = Attachment.unpack(sample.attachment)
         now = time.time_ns()
         with self._changed:
+            if self._closed or self._stopping.is_set():
+                return
             late = self.counter.arrived(attachment, now) > _STALE_NS
-            # Latched values of different writers stand side by side; a newer one replaces its own writer's only.
-            if self._latest and self._pending and not self._is_latched_from_another(sample):
-                self._pending.pop()
+            older = next(
+                (i for i, entry in enumerate(self._pending) if self._replaces(sample, attachment, entry)), None
+            )
+            if older is not None:
+                del self._pending[older]
                 self.counter.superseded += 1
             elif len(self._pending) >= _QUEUE:
                 self._pending.popleft()
@@ -181,8 +193,11 @@ class Reader(Generic[M]):
             self._pending.append((sample, attachment, now, late))
             self._changed.notify_all()
 
-    def _is_latched_from_another(self, sample: RawSample) -> bool:
-        return sample.key != self._pending[-1][0].key
+    def _replaces(self, sample: RawSample, attachment: Attachment | None, older: _Entry) -> bool:
+        """Of a key only the newest message matters; what several writers latched on it stands side by side."""
+        if self._delivery is Delivery.EVERY or sample.key != older[0].key:
+            return False
+        return self._delivery is not Delivery.LATCHED or _writer(attachment) == _writer(older[1])
 
     def take(self, timeout: float | None = None) -> Received[M] | None:
         """The next message; none when timeout seconds have passed, or the bus stops.
@@ -200,13 +215,17 @@ class Reader(Generic[M]):
 
     def _next(self, deadline: float | None) -> tuple[RawSample, Attachment | None, int] | None:
         with self._changed:
-            while not self._pending:
-                if self._stopping.is_set() or self._closed or not self._wait(deadline):
+            # What was to come one by one is still taken after the end; of the others there would always be a newer one.
+            while not self._pending or (self._is_over() and self._delivery is not Delivery.EVERY):
+                if self._is_over() or not self._wait(deadline):
                     return None
-            if self._latest and self._pending[0][3]:
+            if self._delivery is not Delivery.EVERY and self._pending[0][3]:
                 self._wait_for_fresh()
             sample, attachment, now, _ = self._pending.popleft()
             return sample, attachment, now
+
+    def _is_over(self) -> bool:
+        return self._closed or self._stopping.is_set()
 
     def _wait(self, deadline: float | None) -> bool:
         """Wait for a change; false when the deadline has passed."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from zsight.bus.link import Arrival, Closable, RequestHandler
-from zsight.errors import RequestRefused
+from zsight.errors import ConnectionLost, RequestRefused
 from zsight_protocol.channels import Delivery
 
 if TYPE_CHECKING:
@@ -170,10 +170,13 @@ class _Writer:
         self._network = network
         self._key = key
         self._delivery = delivery
+        self._closed = False
 
     def put(self, head: bytes, blob: Buffer, attachment: bytes) -> None:
         sample = _Sample(self._key, head + bytes(blob), attachment)
         with self._network.lock:
+            if self._closed:
+                raise ConnectionLost("the writer was closed")
             if self._delivery is Delivery.LATCHED:
                 self._network.latched[self] = sample
             arrivals = [
@@ -188,6 +191,7 @@ class _Writer:
 
     def close(self) -> None:
         with self._network.lock:
+            self._closed = True
             self._network.latched.pop(self, None)
 
 

@@ -28,6 +28,7 @@ log = logging.getLogger(__name__)
 _SHARED_FROM = 64 * 1024  # smaller payloads travel faster inside a message than as a reference to shared memory
 _POOL = 64 * 1024 * 1024  # address space, not memory: pages come into being as clouds fill them
 _CLOUDS_IN_POOL = 6
+_NOBODY = "Unable to connect to any of"  # Zenoh's words for no answer; they repeat the endpoints
 _REFUSED = b"refused: "  # tells our servers' words from Zenoh's own error replies
 
 
@@ -43,7 +44,8 @@ def open_link(network: Network, *, mode: str = "client") -> ZenohLink:
         return ZenohLink(zenoh.open(config))
     except zenoh.ZError as error:
         tried = ", ".join(network.connect)
-        raise ConnectionLost(f"cannot reach a router at {tried} ({_short(error)}): start one with: zsight up") from None
+        why = "" if str(error).startswith(_NOBODY) else f" ({_short(error)})"
+        raise ConnectionLost(f"cannot reach a router at {tried}{why}: start one with: zsight up") from None
 
 
 def open_router(network: Network) -> ZenohLink:
@@ -89,7 +91,11 @@ def _config(network: Network, mode: str) -> zenoh.Config:
         for key, value in settings.items():
             config.insert_json5(key, json.dumps(value))
     except zenoh.ZError as error:
-        raise UsageError(f"the network settings are not understood ({_short(error)}): {network}") from None
+        given = ", ".join((*network.connect, *network.listen, *network.peers, network.config_file)).rstrip(", ")
+        raise UsageError(
+            f"the network settings are not understood: {_short(error)}; got {given}; "
+            "expected endpoints such as tcp/192.0.2.7:7447"
+        ) from None
     return config
 
 
@@ -112,21 +118,23 @@ class ZenohLink:
                 cache=ext.CacheConfig(max_samples=1),
                 publisher_detection=True,
             )
-        else:
-            drop = delivery is Delivery.LATEST
-            publisher = self._session.declare_publisher(
-                key,
-                congestion_control=zenoh.CongestionControl.DROP if drop else zenoh.CongestionControl.BLOCK,
-                priority=zenoh.Priority.DATA if drop else zenoh.Priority.INTERACTIVE_HIGH,
-            )
-        return _ZenohWriter(publisher, self._pool)
+            # The advanced publisher does not tell who reads it; a plain one that sends nothing does.
+            return _ZenohWriter(publisher, self._session.declare_publisher(key), self._pool)
+        drop = delivery is Delivery.LATEST
+        plain = self._session.declare_publisher(
+            key,
+            congestion_control=zenoh.CongestionControl.DROP if drop else zenoh.CongestionControl.BLOCK,
+            priority=zenoh.Priority.DATA if drop else zenoh.Priority.INTERACTIVE_HIGH,
+        )
+        return _ZenohWriter(plain, plain, self._pool)
 
     def reader(self, key: str, delivery: Delivery, arrival: Arrival) -> Closable:
         """A reader on a key expression."""
         # A direct callback has no hidden queue; the bus keeps what it wants of the arrivals.
         handler: Any = handlers.Callback(lambda sample: arrival(_ZenohSample(sample)), indirect=False)
         if delivery is Delivery.LATCHED:
-            history = ext.HistoryConfig(detect_late_publishers=True, max_samples=1)
+            # A writer keeps one value; to ask for one alone loses values where the key holds wildcards.
+            history = ext.HistoryConfig(detect_late_publishers=True)
             subscriber: Any = ext.declare_advanced_subscriber(self._session, key, handler, history=history)
         else:
             subscriber = self._session.declare_subscriber(key, handler)
@@ -197,8 +205,9 @@ class _ZenohSample:
 
 
 class _ZenohWriter:
-    def __init__(self, publisher: Any, pool: _Pool) -> None:
+    def __init__(self, publisher: Any, matching: Any, pool: _Pool) -> None:
         self._publisher = publisher
+        self._matching = matching
         self._pool = pool
 
     def put(self, head: bytes, blob: Buffer, attachment: bytes) -> None:
@@ -212,10 +221,12 @@ class _ZenohWriter:
         self._publisher.put(shared, attachment=attachment)
 
     def has_readers(self) -> bool:
-        return bool(self._publisher.matching_status.matching)
+        return bool(self._matching.matching_status.matching)
 
     def close(self) -> None:
         self._publisher.undeclare()
+        if self._matching is not self._publisher:
+            self._matching.undeclare()
 
 
 class _Pool:
@@ -255,7 +266,7 @@ class _ZenohRequest:
         self._reply_key = self.key if "*" not in self.key else served.replace("*", "_")
 
     def reply(self, payload: bytes) -> None:
-        self._query.reply(self._reply_key, payload, priority=zenoh.Priority.REAL_TIME, express=True)
+        self._query.reply(self._reply_key, payload, express=True)  # with the priority of the request
 
     def refuse(self, words: str) -> None:
         self._query.reply_err(_REFUSED + words.encode())
