@@ -62,7 +62,7 @@ PUBLIC = {
         "TransformStamped",
         "Vector3",
     ],
-    "health": ["Health", "Level", "ReaderHealth", "WriterHealth"],
+    "health": ["Health", "Latency", "Level", "ReaderHealth", "WriterHealth"],
     "message": ["Bare", "Count", "Extras", "Float64", "Header", "Message", "Time", "Tuple3", "Tuple4"],
     "object_type": [
         "BoxShape",

@@ -28,6 +28,7 @@ log = logging.getLogger(__name__)
 _SHARED_FROM = 64 * 1024  # smaller payloads travel faster inside a message than as a reference to shared memory
 _POOL = 64 * 1024 * 1024  # address space, not memory: pages come into being as clouds fill them
 _CLOUDS_IN_POOL = 6
+_PIECE = 256 * 1024
 _NOBODY = "Unable to connect to any of"  # Zenoh's words for no answer; they repeat the endpoints
 _REFUSED = b"refused: "  # tells our servers' words from Zenoh's own error replies
 
@@ -214,10 +215,10 @@ class _ZenohWriter:
         size = len(head) + len(blob)
         shared = self._pool.allocate(size) if size >= _SHARED_FROM else None
         if shared is None:
-            self._publisher.put(head + bytes(blob) if blob else head, attachment=attachment)
+            self._publisher.put(b"".join((head, blob)) if blob else head, attachment=attachment)
             return
         shared[0 : len(head)] = head
-        shared[len(head) : size] = blob if isinstance(blob, bytes | bytearray) else bytes(blob)
+        _fill(shared, len(head), blob)
         self._publisher.put(shared, attachment=attachment)
 
     def has_readers(self) -> bool:
@@ -227,6 +228,16 @@ class _ZenohWriter:
         self._publisher.undeclare()
         if self._matching is not self._publisher:
             self._matching.undeclare()
+
+
+def _fill(shared: shm.ZShmMut, start: int, blob: Buffer) -> None:
+    """Copy a blob into shared memory; it takes bytes only, so that a view goes in pieces that stay in the cache."""
+    if isinstance(blob, bytes | bytearray):
+        shared[start : start + len(blob)] = blob
+        return
+    for piece in range(0, len(blob), _PIECE):
+        end = min(piece + _PIECE, len(blob))
+        shared[start + piece : start + end] = bytes(blob[piece:end])
 
 
 class _Pool:

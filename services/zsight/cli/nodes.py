@@ -65,7 +65,7 @@ def info(
             )
         for reader in beat.readers:
             say(
-                f"  reads {reader.key}: {reader.received} received, {reader.missed} missed, {reader.refused} refused, {reader.rate_hz:.1f} Hz"
+                f"  reads {reader.key}: {reader.received} received, {reader.superseded} superseded, {reader.lost} lost, {reader.late} late, {reader.refused} refused, {reader.rate_hz:.1f} Hz"
             )
         if beat.errors:
             say(f"  {beat.errors} warnings or errors, the last: {beat.last_error}")

@@ -53,7 +53,7 @@ def info(key: Key, json: Json = False, connect: Connect = None, namespace: Names
     for beat, reader in found[0].readers:
         age = "never" if reader.age_of_last is None else f"{reader.age_of_last:.2f} s ago"
         say(
-            f"read by {beat.host}/{beat.process}: {reader.received} received, {reader.missed} missed, {reader.refused} refused, {reader.rate_hz:.1f} Hz, last {age}"
+            f"read by {beat.host}/{beat.process}: {reader.received} received, {reader.superseded} superseded, {reader.lost} lost, {reader.late} late, {reader.refused} refused, {reader.rate_hz:.1f} Hz, last {age}"
         )
 
 
