@@ -1,0 +1,137 @@
+"""What only the link over Zenoh has: shared memory, endpoints and their errors."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+import zenoh
+from tests.services.waiting import DEADLINE, Arrivals, soon
+from zenoh import shm
+
+from zsight.bus.zenoh_link import open_link, open_router
+from zsight.convert import cloud_from_points, points_of
+from zsight.errors import ConnectionLost, UsageError
+from zsight.network import Network
+from zsight_core.points import from_xyz
+from zsight_protocol.channels import Delivery
+from zsight_protocol.message import Time
+from zsight_protocol.point_cloud import PointCloud2
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from zsight.bus import Bus, RawSample
+
+    Join = Callable[[], Bus]
+
+SIZE = 4 * 1024 * 1024
+
+
+def is_shared(sample: RawSample) -> bool:
+    return sample._sample.payload.as_shm() is not None  # type: ignore[attr-defined]  # Zenoh's own word
+
+
+def payload(number: int, size: int = SIZE) -> bytes:
+    return bytes([number]) * size
+
+
+def test_a_cloud_comes_bit_for_bit(join_zenoh: Join) -> None:
+    rng = np.random.default_rng(5)
+    xyz = rng.normal(size=(480, 640, 3)).astype(np.float32)
+    xyz[rng.random((480, 640)) < 0.1] = np.nan
+    points = from_xyz(xyz, rng.integers(0, 256, (480, 640, 3)))
+    sender, receiver = join_zenoh(), join_zenoh()
+    reader = receiver.reader(receiver.cell.points("kinect"), PointCloud2)
+    writer = sender.writer(sender.cell.points("kinect"), PointCloud2)
+    assert soon(writer.has_readers)
+    writer.send(cloud_from_points(points, Time(sec=3, nanosec=4), "kinect_optical_frame"))
+    received = reader.take(DEADLINE)
+    assert received is not None
+    assert received.message.header.stamp == Time(sec=3, nanosec=4)
+    assert not received.message.is_dense
+    assert points_of(received.message).tobytes() == points.tobytes()
+
+
+def test_big_payloads_travel_in_shared_memory_and_small_ones_do_not(join_zenoh: Join) -> None:
+    sender, receiver = join_zenoh(), join_zenoh()
+    samples: Arrivals[RawSample] = Arrivals()
+    _reader = receiver.link.reader("test/big", Delivery.EVERY, samples.add)
+    writer = sender.link.writer("test/big", Delivery.EVERY)
+    assert soon(writer.has_readers)
+    writer.put(b"head", payload(7), b"")
+    writer.put(b"head", memoryview(payload(8)), b"")
+    writer.put(b"small", b"", b"")
+    big, view, small = samples.wait(3)
+    assert [is_shared(sample) for sample in (big, view, small)] == [True, True, False]
+    assert big.take() == b"head" + payload(7)
+    assert view.take() == b"head" + payload(8)
+    assert small.take() == b"small"
+
+
+def test_a_full_pool_falls_back_to_the_socket_and_recovers(join_zenoh: Join) -> None:
+    sender, receiver = join_zenoh(), join_zenoh()
+    held: Arrivals[RawSample] = Arrivals()
+    _reader = receiver.link.reader("test/full", Delivery.EVERY, held.add)
+    writer = sender.link.writer("test/full", Delivery.EVERY)
+    assert soon(writer.has_readers)
+    count = 24  # of 4 MiB; the pool has 64 MiB
+    for number in range(count):
+        writer.put(b"", payload(number), b"")
+    samples = held.wait(count)
+    shared = [is_shared(sample) for sample in samples]
+    assert shared[0]
+    assert not all(shared)
+    taken = [sample.take() for sample in samples]
+    assert all(t == payload(n) for n, t in enumerate(taken) if not shared[n])
+    # A reader that holds memory for long may lose it, and is told; what it does get is whole.
+    assert all(t in (None, payload(n)) for n, t in enumerate(taken))
+    held.all.clear()
+    samples.clear()
+    writer.put(b"", payload(99), b"")
+    assert is_shared(held.wait(1)[0])
+
+
+def test_a_host_without_shared_memory_sends_through_the_socket(
+    join_zenoh: Join, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(size: int) -> None:
+        raise zenoh.ZError(f"no room for {size} bytes")
+
+    monkeypatch.setattr(shm.ShmProvider, "default_backend", refuse)
+    sender, receiver = join_zenoh(), join_zenoh()
+    reader = receiver.reader(receiver.cell.points("kinect"), PointCloud2)
+    writer = sender.writer(sender.cell.points("kinect"), PointCloud2)
+    assert soon(writer.has_readers)
+    points = from_xyz(np.full((400, 640, 3), 1.5))
+    writer.send(cloud_from_points(points, Time(), "camera"))
+    received = reader.take(DEADLINE)
+    assert received is not None
+    assert points_of(received.message).tobytes() == points.tobytes()
+
+
+def test_no_router_is_said_with_its_endpoint(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("ZENOH_CONFIG", raising=False)
+    with pytest.raises(ConnectionLost, match=r"tcp/127.0.0.1:9: start one with: zsight up"):
+        open_link(Network().on("tcp/127.0.0.1:9"))
+
+
+def test_a_taken_port_is_said(zenoh_network: Network) -> None:
+    with pytest.raises(ConnectionLost, match=f"cannot listen on {zenoh_network.listen[0]}"):
+        open_router(zenoh_network)
+
+
+@pytest.mark.parametrize("endpoint", ["127.0.0.1:7447", "nonsense", ""])
+def test_an_endpoint_that_is_none_is_said(endpoint: str) -> None:
+    with pytest.raises((UsageError, ConnectionLost)) as caught:
+        open_link(Network().on(endpoint))
+    assert caught.value.exit_code in (2, 3)
+
+
+def test_a_configuration_file_that_is_none_is_said(tmp_path: Path) -> None:
+    (tmp_path / "bad.json5").write_text("{mode: 5}")
+    network = Network(config_file=str(tmp_path / "bad.json5"))
+    with pytest.raises(UsageError, match="network settings are not understood"):
+        open_link(network)
