@@ -21,6 +21,7 @@ __all__ = ["GoalCall", "cancel"]
 
 Result = TypeVar("Result", bound=Message)
 
+_LOOK = 0.05  # seconds between two looks at the network
 _MARGIN = 0.5  # seconds beyond the goal's own deadline, in which the server's word on it may arrive
 
 
@@ -56,11 +57,7 @@ class GoalCall(Generic[Result]):
 
     def _next(self) -> Update[Result]:
         with self._lock:
-            try:
-                payload = self._replies.take(self._deadline - time.monotonic())
-            except TimeoutError:
-                self._replies.close()
-                raise DeadlinePassed(f"no answer from {self._key} within {self._timeout:g} s") from None
+            payload = self._payload()
             if payload is None:
                 raise self._loss()
             self._heard = True
@@ -77,6 +74,21 @@ class GoalCall(Generic[Result]):
     def cancel(self) -> CancelResponse:
         """Ask the server to stop working on the goal; its answer still comes, as cancelled."""
         return cancel(self._bus, self._cancel_key, self.goal_id)
+
+    def _payload(self) -> bytes | None:
+        """The next reply, while there is time and a network."""
+        while True:
+            left = self._deadline - time.monotonic()
+            try:
+                return self._replies.take(min(left, _LOOK))
+            except TimeoutError:
+                if left <= _LOOK:
+                    self._replies.close()
+                    raise DeadlinePassed(f"no answer from {self._key} within {self._timeout:g} s") from None
+            if not self._bus.link.connected():
+                # Zenoh ends a request when its server goes, but not when the asker itself is cut off.
+                self._replies.close()
+                raise ServerLost(f"cut off from the network while {self._key} worked on goal {self.goal_id}: ask again")
 
     def _loss(self) -> Exception:
         if not self._heard:

@@ -8,6 +8,7 @@ import time
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
+from pydantic import ValidationError
 
 from zsight.action_client import GoalCall
 from zsight.action_client import cancel as cancel_goal
@@ -22,6 +23,7 @@ from zsight.errors import (
     RequestRefused,
     ServerBusy,
     ServerLost,
+    UsageError,
     ZsightError,
 )
 from zsight.merging import MergedObject, merge
@@ -30,6 +32,7 @@ from zsight_protocol.action import GoalState, ResultRequest, Update, UpdateList,
 from zsight_protocol.channels import ANY_FINDER
 from zsight_protocol.channels import Cell as Keys
 from zsight_protocol.codec import decode, encode
+from zsight_protocol.errors import DecodeError
 from zsight_protocol.find_object import Capture, FindObjectGoal, FindObjectResult, ResultCode
 from zsight_protocol.geometry import Plane, Region
 from zsight_protocol.message import Message
@@ -122,16 +125,19 @@ class CellClient:
         timeout: float = 10.0,
     ) -> GoalCall[FindObjectResult]:
         """Send a goal and return at once: iterate over its updates, or wait for its result; see ``find``."""
-        goal = FindObjectGoal(
-            goal_id=new_goal_id(),
-            object_type=object_type,
-            frame_id=frame,
-            known_height=known_height,
-            region=region,
-            capture=capture,
-            maximum=maximum,
-            timeout=timeout,
-        )
+        try:
+            goal = FindObjectGoal(
+                goal_id=new_goal_id(),
+                object_type=object_type,
+                frame_id=frame,
+                known_height=known_height,
+                region=region,
+                capture=capture,
+                maximum=maximum,
+                timeout=timeout,
+            )
+        except ValidationError as error:
+            raise UsageError(str(DecodeError.from_validation("goal", error))) from None
         cell = self.bus.cell
         keys = (cell.find_object(finder), cell.cancel(finder if finder != ANY_FINDER else ALL))
         return GoalCall(self.bus, keys, goal, goal.goal_id, FindObjectResult, timeout)

@@ -142,5 +142,8 @@ class Link(Protocol):
     def watch_alive(self, key: str, changed: Callable[[str, bool], None]) -> LivelinessWatch:
         """Call changed(key, alive) for every token that is there, comes or goes."""
 
+    def connected(self) -> bool:
+        """True while there is a network to speak of: a router or a peer at the other end."""
+
     def close(self) -> None:
         """Leave the network; everything declared is withdrawn."""

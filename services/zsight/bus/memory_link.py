@@ -154,6 +154,10 @@ class MemoryLink:
             changed(token, True)
         return self._hold(Closable(lambda: self._forget(self._network.watches, name)))
 
+    def connected(self) -> bool:
+        """Always: memory is not cut."""
+        return True
+
     def close(self) -> None:
         """Leave the network."""
         for closable in reversed(self._mine):

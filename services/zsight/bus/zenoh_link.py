@@ -28,6 +28,7 @@ log = logging.getLogger(__name__)
 _SHARED_FROM = 64 * 1024  # smaller payloads travel faster inside a message than as a reference to shared memory
 _POOL = 64 * 1024 * 1024  # address space, not memory: pages come into being as clouds fill them
 _CLOUDS_IN_POOL = 6
+_LEASE_MS = 1000  # a silent link counts as cut after this long
 _PIECE = 256 * 1024
 _NOBODY = "Unable to connect to any of"  # Zenoh's words for no answer; they repeat the endpoints
 _REFUSED = b"refused: "  # tells our servers' words from Zenoh's own error replies
@@ -75,6 +76,7 @@ def _config(network: Network, mode: str) -> zenoh.Config:
         "scouting/multicast/enabled": network.multicast,
         "timestamping/enabled": True,
         "transport/link/tx/queue/size/data": 16,
+        "transport/link/tx/lease": _LEASE_MS,
         "transport/shared_memory/enabled": network.shared_memory,
     }
     if network.shared_memory:
@@ -168,6 +170,11 @@ class ZenohLink:
         )
         subscriber = self._session.liveliness().declare_subscriber(key, handler, history=True)
         return Closable(lambda: self._undeclare(subscriber))
+
+    def connected(self) -> bool:
+        """True while a router or a peer is at the other end."""
+        info = self._session.info
+        return not self._closed and bool(info.routers_zid() or info.peers_zid())
 
     def close(self) -> None:
         """Leave the network."""
