@@ -37,6 +37,9 @@ UNSEEN = 0.02
 LOWEST_UNSEEN = 0.04
 """Metres; lower things show too little of their sides to tell what they stand on when that is not seen."""
 
+REACH = 0.025
+"""Metres along each axis between cells of one layer or clump that are neighbours in the image."""
+
 SMALLEST_LAYER = 5
 """Cells."""
 
@@ -95,6 +98,8 @@ class Clues:
     """(R, C) number of the cell at each place of the image, or -1."""
     pieces: list[Piece]
     segments: list[Piece]
+    clumps: list[Piece]
+    """Groups of segments that touch: a concave thing is parted like two things."""
     eyes: list[NDArray[np.float64]]
     """Per support the camera's place (3,), metres, in the support's frame."""
     gates: NDArray[np.float64]
@@ -195,13 +200,29 @@ def _collect(scene: Scene) -> Clues:
     for height, _, _, support in tops:
         if height > levels[support][-1] + 0.004:
             levels[support].append(height)
-    return Clues(cells, grid, pieces, segments, [T[:3, 3] for T in frames], gates, tops, levels)
+    clumps = _clumps(cells, grid, scene.owner)
+    eyes = [T[:3, 3] for T in frames]
+    return Clues(cells, grid, pieces, segments, clumps, eyes, gates, tops, levels)
 
 
 def warm_up() -> None:
     """Compile the kernels (or load them from their cache)."""
     place, points, grid = np.zeros(1, np.int64), np.zeros((1, 3)), np.zeros((1, 1), np.int32)
+    _connect(place, place, points, np.full(1, -1, np.int32), grid)
     _layers(place, place, points, points, np.zeros(1, np.int8), np.ones(1), grid, 0.0, 0)
+
+
+def _clumps(cells: Cells, grid: NDArray[np.int32], owner: NDArray[np.int32]) -> list[Piece]:
+    """Groups of at least two segments whose cells touch."""
+    segment = owner[np.repeat(np.arange(len(cells.start) - 1), np.diff(cells.start))].astype(np.int32)
+    number = _connect(cells.row, cells.column, cells.points, np.where(segment >= 2, -1, -2).astype(np.int32), grid)
+    order = np.argsort(number, kind="stable")
+    groups = np.split(order, np.flatnonzero(np.diff(number[order])) + 1)
+    return [
+        _piece(cells, members, 0)
+        for members in groups
+        if len(members) and number[members[0]] >= 0 and (segment[members] != segment[members[0]]).any()
+    ]
 
 
 def _piece(cells: Cells, members: NDArray[np.int64], segment: int) -> Piece:
@@ -211,6 +232,44 @@ def _piece(cells: Cells, members: NDArray[np.int64], segment: int) -> Piece:
     return Piece(
         points, normals, mean, segment, int(cells.support[members[0]]), float(np.sort(points[:, 2])[len(points) // 2])
     )
+
+
+@njit(cache=True, nogil=True)
+def _connect(
+    row: NDArray[np.int64],
+    column: NDArray[np.int64],
+    points: NDArray[np.float64],
+    number: NDArray[np.int32],
+    grid: NDArray[np.int32],
+) -> NDArray[np.int32]:
+    """Number, in place, connected groups of the cells (N,) that are -1; image neighbours must be near in space."""
+    queue = np.empty(len(row), np.int64)
+    groups = 0
+    for seed in range(len(row)):
+        if number[seed] != -1:
+            continue
+        number[seed] = groups
+        queue[0] = seed
+        head, tail = 0, 1
+        while head < tail:
+            i = queue[head]
+            head += 1
+            for dr in range(-1, 2):
+                for dc in range(-1, 2):
+                    r, c = row[i] + dr, column[i] + dc
+                    if not (0 <= r < grid.shape[0] and 0 <= c < grid.shape[1]):
+                        continue
+                    j = grid[r, c]
+                    if j >= 0 and number[j] == -1:
+                        apart = 0.0
+                        for a in range(3):
+                            apart = max(apart, abs(points[i, a] - points[j, a]))
+                        if apart < REACH:
+                            number[j] = groups
+                            queue[tail] = j
+                            tail += 1
+        groups += 1
+    return number
 
 
 @njit(cache=True, nogil=True)
@@ -232,27 +291,4 @@ def _layers(
         inside = over[i] == support and abs(points[i, 2] - height) < gates[i]
         if inside and (normals[i, 2] > STEEP or not normals[i].any()):
             number[i] = -1
-    queue = np.empty(count, np.int64)
-    layers = 0
-    for seed in range(count):
-        if number[seed] != -1:
-            continue
-        number[seed] = layers
-        queue[0] = seed
-        head, tail = 0, 1
-        while head < tail:
-            i = queue[head]
-            head += 1
-            for dr in range(-1, 2):
-                for dc in range(-1, 2):
-                    r, c = row[i] + dr, column[i] + dc
-                    if 0 <= r < grid.shape[0] and 0 <= c < grid.shape[1]:
-                        j = grid[r, c]
-                        if j >= 0 and number[j] == -1:
-                            near = abs(points[i, 0] - points[j, 0]) + abs(points[i, 1] - points[j, 1]) < 0.03
-                            if near:
-                                number[j] = layers
-                                queue[tail] = j
-                                tail += 1
-        layers += 1
-    return number
+    return _connect(row, column, points, number, grid)

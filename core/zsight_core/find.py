@@ -45,8 +45,23 @@ LOOKS_AT_ONCE = 200
 REFINED = 20
 """Hypotheses that are refined at most, the best of the quick looks."""
 
-A_PLACE = 3
+A_PLACE = 6
 """Hypotheses of one place that are refined at most."""
+
+BEHIND = 0.3
+"""Promise by which a hypothesis may be behind the best of its place and still be refined."""
+
+EXPLAINED = 15.0
+"""Logarithm of odds that a pose gains by explaining e times the pixels of another one."""
+
+EQUIVALENT = 1.0
+"""Logarithm of odds within which two poses fit what is seen equally well."""
+
+SAME_SURFACE = 0.005
+"""Metres within which two poses put the surface at one place, as the symmetries of a shape do."""
+
+NOISE_SHARED = 4.5
+"""Pixels and outline samples that share one error: depth is rounded, and neighbours are smoothed by the sensor."""
 
 ACCEPTED = 0.5
 """Probability from which a candidate is reported."""
@@ -262,7 +277,7 @@ class _Search:
             if rival is not None and _explains_better(rival[1], candidate):
                 self._reject(model, candidate, rival[0])
                 continue
-            found.append(self._detection(model, candidate, rival[0] if rival else None))
+            found.append(self._detection(model, candidate, candidates, rival[0] if rival else None))
         return found, doubtful, self._seen(size_of(model.shape))
 
     def _best_rival(
@@ -328,7 +343,8 @@ class _Search:
                 if look.match >= 12 and look.agreement > 0.5:
                     ranked.append((-_promise(look), number))
         ranked.sort()
-        return _best_of_each_place([guesses[number] for _, number in ranked], min(size_of(model.shape)))
+        promising = [(-rank, guesses[number]) for rank, number in ranked]
+        return _best_of_each_place(promising, min(size_of(model.shape)))
 
     def _polished(self, solid: Solid, candidate: Candidate) -> Candidate:
         """Refined once more: the first fit may have come from too far for its finest steps to catch every face."""
@@ -402,8 +418,11 @@ class _Search:
             }
         )
 
-    def _detection(self, model: ObjectModel, candidate: Candidate, runner_up: str | None) -> Detection:
+    def _detection(
+        self, model: ObjectModel, candidate: Candidate, candidates: list[Candidate], runner_up: str | None
+    ) -> Detection:
         hypothesis, evidence = candidate.hypothesis, candidate.evidence
+        equals = _equivalents(candidate, candidates, solid_of(model.shape, coarse=True))
         T = self._in_cloud(hypothesis)
         return Detection(
             type=model.name,
@@ -412,12 +431,13 @@ class _Search:
             T_world_model=None if self.T_world_camera is None else self.T_world_camera @ T,
             size=size_of(model.shape),
             measured_height=self._height_at(hypothesis, max(size_of(model.shape))),
-            covariance=self._covariance(candidate),
+            covariance=self._covariance(candidate, equals),
             visible_fraction=evidence.visible,
             support=hypothesis.support,
             base=hypothesis.base,
             truncated=evidence.beyond > 0.02 * evidence.pixels,
             occluded=evidence.hidden > 0.05 * evidence.pixels,
+            equivalents=tuple(self._in_cloud(equal.hypothesis) for equal in equals),
             runner_up=runner_up,
         )
 
@@ -434,10 +454,13 @@ class _Search:
             return 0.0
         return float(np.quantile(np.concatenate(near)[:, 2], 0.97)) - hypothesis.base
 
-    def _covariance(self, candidate: Candidate) -> NDArray[np.float64]:
-        """(6, 6): x, y, height and yaw from the fit, tilts from the support surface."""
+    def _covariance(self, candidate: Candidate, equals: list[Candidate]) -> NDArray[np.float64]:
+        """(6, 6): x, y, height and yaw from the fit and from equivalent poses, tilts from the support surface."""
         covariance = np.zeros((6, 6))
-        fitted = np.linalg.inv(candidate.information)
+        fitted = NOISE_SHARED * np.linalg.inv(candidate.information)
+        for equal in equals:
+            apart = _apart(candidate.hypothesis.T_support_model, equal.hypothesis.T_support_model)
+            fitted += np.outer(apart, apart) / (len(equals) + 1)
         rows = np.array([0, 1, 2, 5])
         covariance[np.ix_(rows, rows)] = fitted
         if not candidate.hypothesis.turns:
@@ -468,6 +491,38 @@ class _Search:
         return float(free.mean()) if len(free) else 0.0
 
 
+def _rank(candidate: Candidate) -> float:
+    """For poses at one place: odds, and how much of what is seen is explained; else a mug would hide its handle."""
+    return logit_of(candidate.evidence) + EXPLAINED * float(np.log(max(candidate.evidence.match, 1.0)))
+
+
+def _equivalents(candidate: Candidate, candidates: list[Candidate], solid: Solid) -> list[Candidate]:
+    """Other candidates at the same place that fit as well and put the surface elsewhere."""
+    from scipy.spatial import cKDTree
+
+    reach = float(np.ptp(solid.vertices, axis=0).max())
+    least = _rank(candidate) - EQUIVALENT
+    found: list[Candidate] = []
+    for other in candidates:
+        if not _near(candidate.hypothesis, other.hypothesis, reach / 2, 181.0) or _rank(other) < least:
+            continue
+        if all(_differ(solid, other.hypothesis, known.hypothesis, cKDTree) for known in [candidate, *found]):
+            found.append(other)
+    return found
+
+
+def _differ(solid: Solid, a: Hypothesis, b: Hypothesis, tree: Any) -> bool:
+    """True where the surface of one pose is more than SAME_SURFACE from that of the other."""
+    one, two = (T[:3, :3] @ solid.vertices.T + T[:3, 3:] for T in (a.T_support_model, b.T_support_model))
+    return bool(tree(two.T).query(one.T)[0].max() > SAME_SURFACE)
+
+
+def _apart(T_a: NDArray[np.float64], T_b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """x, y, height and yaw (4,) from one pose to the other."""
+    R = T_b[:3, :3] @ T_a[:3, :3].T
+    return np.append(T_b[:3, 3] - T_a[:3, 3], np.arctan2(R[1, 0] - R[0, 1], R[0, 0] + R[1, 1]))
+
+
 def _footing(guess: Hypothesis) -> float:
     """Height of what is seen under it, metres: on that its lower edges have no contrast."""
     return guess.base if guess.carried else 0.0
@@ -490,16 +545,18 @@ def _is_cut(evidence: Evidence) -> bool:
     return evidence.hidden + evidence.unknown + evidence.beyond > 0.3 * evidence.pixels
 
 
-def _best_of_each_place(guesses: list[Hypothesis], reach: float) -> list[Hypothesis]:
+def _best_of_each_place(guesses: list[tuple[float, Hypothesis]], reach: float) -> list[Hypothesis]:
     """The first few of each place, best first, without near repetitions; at most REFINED."""
-    kept: list[Hypothesis] = []
-    for guess in guesses:
-        there = [other for other in kept if _near(guess, other, 0.6 * reach, 181.0)]
-        if len(there) < A_PLACE and not any(_near(guess, other, 0.004, 5.0) for other in there):
-            kept.append(guess)
+    kept: list[tuple[float, Hypothesis]] = []
+    for promise, guess in guesses:
+        there = [(best, other) for best, other in kept if _near(guess, other, 0.6 * reach, 181.0)]
+        if len(there) == A_PLACE or (there and promise < there[0][0] - BEHIND):
+            continue
+        if not any(_near(guess, other, 0.004, 5.0) for _, other in there):
+            kept.append((promise, guess))
         if len(kept) == REFINED:
             break
-    return kept
+    return [guess for _, guess in kept]
 
 
 def _near(a: Hypothesis, b: Hypothesis, metres: float, degrees: float) -> bool:
@@ -514,7 +571,7 @@ def _near(a: Hypothesis, b: Hypothesis, metres: float, degrees: float) -> bool:
 
 def _one_a_place(candidates: list[Candidate], reach: float) -> list[Candidate]:
     """The most probable candidate of each place; others within 0.7 of the shortest side of it are dropped."""
-    ranked = sorted(enumerate(candidates), key=lambda c: (-logit_of(c[1].evidence), c[0]))
+    ranked = sorted(enumerate(candidates), key=lambda c: (-_rank(c[1]), c[0]))
     kept: list[Candidate] = []
     for _, candidate in ranked:
         place = candidate.hypothesis.T_support_model[:3, 3]

@@ -75,9 +75,11 @@ def _sphere_solid(radius: float, cuts: int) -> Solid:
 @lru_cache(maxsize=64)
 def _mesh_solid(vertices: bytes, faces: bytes) -> Solid:
     corners = np.frombuffer(vertices).reshape(-1, 3)
-    return _solid(
-        corners - (corners.min(axis=0) + corners.max(axis=0)) / 2, np.frombuffer(faces, np.int32).reshape(-1, 3)
-    )
+    triangles = np.frombuffer(faces, np.int32).reshape(-1, 3)
+    corners = corners - (corners.min(axis=0) + corners.max(axis=0)) / 2
+    a, b, c = (corners[triangles[:, k]] for k in range(3))
+    inside_out = float(np.einsum("ij,ij->", a, np.cross(b, c))) < 0  # files with clockwise faces are common
+    return _solid(corners, triangles[:, ::-1] if inside_out else triangles)
 
 
 def _solid(vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> Solid:
