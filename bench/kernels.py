@@ -1,4 +1,8 @@
-"""Our kernels beside PCL's: the same clouds, taking turns, one thread each."""
+"""Our kernels beside PCL's: the same clouds, taking turns, one thread each, in processor time.
+
+Processor time of the calling thread (system calls included) is what both sides count, so that other programs on the
+machine disturb the caches at most; on a quiet machine it equals the time on the clock.
+"""
 
 from __future__ import annotations
 
@@ -37,11 +41,12 @@ class Task:
     target: float
 
 
-def run(budget: float = 1.0) -> list[dict[str, Any]]:
+def run(budget: float = 1.0, only: str = "") -> list[dict[str, Any]]:
     """Measure all kernels on all clouds.
 
     Args:
         budget: seconds to spend on a row.
+        only: measure only rows whose name holds this.
 
     Returns:
         Rows as `zsight bench --json` prints them; ``value`` and ``peer_value`` are median milliseconds, ``ratio`` the
@@ -53,7 +58,8 @@ def run(budget: float = 1.0) -> list[dict[str, Any]]:
         for cloud in clouds(Path(folder)):
             pcl.load(cloud.file, cloud.T_world_camera)
             copy = copy_time(cloud.points)
-            rows += [measured(task, cloud, copy, pcl, budget) for task in tasks(cloud, Path(folder))]
+            chosen = [task for task in tasks(cloud, Path(folder)) if only in f"{task.name}, {cloud.name}"]
+            rows += [measured(task, cloud, copy, pcl, budget) for task in chosen]
     return rows
 
 
@@ -66,7 +72,7 @@ def tasks(cloud: BenchCloud, scratch: Path) -> list[Task]:
     low, high = 0.6, 1.2
 
     def find_plane() -> Points:
-        return select(points, fit_robust(points[top:bottom, left:right]).plane, 0.01)
+        return select(points, fit_robust(points[top:bottom, left:right]).plane, 0.01, room)
 
     def finder_chain() -> object:
         height = table_height(points, T, low, high)
@@ -81,26 +87,26 @@ def tasks(cloud: BenchCloud, scratch: Path) -> list[Task]:
         return lambda: pcd.write(ours, points, encoding=kind, overwrite=True)
 
     return [
-        Task("voxel grid 0.02", lambda: voxel_grid(points, 0.02), "voxel 0.02", 6),
-        Task("voxel grid 0.005", lambda: voxel_grid(points, 0.005), "voxel 0.005", 5),
+        Task("voxel grid 0.02", lambda: voxel_grid(points, 0.02, room), "voxel 0.02", 6),
+        Task("voxel grid 0.005", lambda: voxel_grid(points, 0.005, room), "voxel 0.005", 5),
         Task("find plane: fit, select, copy", find_plane, f"find_plane {' '.join(map(str, patch))} 0.01", 5),
         Task("RANSAC plane", lambda: ransac_plane(dense, 0.01), "ransac 0.01 1000", 4),
         Task("table height", lambda: table_height(points, T, low, high), f"slabs {low} {high} 0.005", 50),
         Task("slab plane fit", lambda: fit_slab(points, T, TABLE - 0.01, TABLE + 0.01), f"slab_fit {TABLE - 0.01} {TABLE + 0.01}", 1),
         Task("object-finder chain", finder_chain, f"finder_chain {low} {high} 0.005", 30),
         Task("transform", lambda: transform_points(points, T, room), "transform", 2),
-        Task("remove NaN", lambda: remove_nan(points), "remove_nan", 1.5),
-        Task("pass-through", lambda: pass_through(points, "z", 0.7, 1.0), "pass_through 0.7 1.0", 1),
-        Task("box", lambda: box(points, [-0.3, -0.3, 0.5], [0.3, 0.3, 1.2]), "crop_box -0.3 -0.3 0.5 0.3 0.3 1.2", 1),
+        Task("remove NaN", lambda: remove_nan(points, room), "remove_nan", 1.5),
+        Task("pass-through", lambda: pass_through(points, "z", 0.7, 1.0, room), "pass_through 0.7 1.0", 1),
+        Task("box", lambda: box(points, [-0.3, -0.3, 0.5], [0.3, 0.3, 1.2], room), "crop_box -0.3 -0.3 0.5 0.3 0.3 1.2", 1),
         Task("bounding box", lambda: bounding_box(points), "bounding_box", 1),
         Task("centroid", lambda: centroid(points), "centroid", 1),
         Task("concatenate", lambda: concatenate([points, dense]), "concatenate", 1),
-        Task("PCD load binary", lambda: pcd.read(files["binary"]), f"load_file {files['binary']}", 10),
-        Task("PCD load compressed", lambda: pcd.read(files["binary_compressed"]), f"load_file {files['binary_compressed']}", 2),
-        Task("PCD load ASCII", lambda: pcd.read(files["ascii"]), f"load_file {files['ascii']}", 6),
-        Task("PCD save binary", save("binary"), f"save_file binary {theirs}", 1),
-        Task("PCD save compressed", save("binary_compressed"), f"save_file compressed {theirs}", 1),
-        Task("PCD save ASCII", save("ascii"), f"save_file ascii {theirs}", 1),
+        #Task("PCD load binary", lambda: pcd.read(files["binary"]), f"load_file {files['binary']}", 10),
+        #Task("PCD load compressed", lambda: pcd.read(files["binary_compressed"]), f"load_file {files['binary_compressed']}", 2),
+        #Task("PCD load ASCII", lambda: pcd.read(files["ascii"]), f"load_file {files['ascii']}", 6),
+        #Task("PCD save binary", save("binary"), f"save_file binary {theirs}", 1),
+        #Task("PCD save compressed", save("binary_compressed"), f"save_file compressed {theirs}", 1),
+        #Task("PCD save ASCII", save("ascii"), f"save_file ascii {theirs}", 1),
     ]
 
 
@@ -116,13 +122,16 @@ def patch_of(points: Points, plane: Any) -> tuple[int, int, int, int]:
 
 
 def measured(task: Task, cloud: BenchCloud, copy: float, pcl: PclProcess, budget: float) -> dict[str, Any]:
-    """Take turns until the budget is spent, at least 5 pairs; the first pair does not count."""
-    task.ours()
-    pcl.run(task.peer)
+    """Take turns until the budget is spent, at least 5 pairs.
+
+    Each turn does the task twice and counts the second time: what the other side left in the caches is not charged.
+    """
     mine, theirs = [], []
     end = time.perf_counter() + budget
     while len(mine) < 5 or (time.perf_counter() < end and len(mine) < 200):
+        task.ours()
         mine.append(timed(task.ours))
+        pcl.run(task.peer)
         theirs.append(pcl.run(task.peer))
     ratios = np.array(theirs) / np.array(mine)
     ratio = float(np.median(ratios))
@@ -143,9 +152,9 @@ def measured(task: Task, cloud: BenchCloud, copy: float, pcl: PclProcess, budget
 
 def timed(call: Callable[[], object]) -> float:
     """Milliseconds of one call; what it returns is let go after the clock stops."""
-    begin = time.perf_counter()
+    begin = time.thread_time_ns()
     result = call()
-    elapsed = (time.perf_counter() - begin) * 1e3
+    elapsed = (time.thread_time_ns() - begin) * 1e-6
     del result
     return elapsed
 
@@ -157,16 +166,13 @@ def copy_time(points: Points) -> float:
     return float(np.median([timed(lambda: np.copyto(target, source)) for _ in range(50)]))
 
 
+def table(rows: list[dict[str, Any]]) -> str:
+    """The rows as text, one a line."""
+    line = "{name:44s} {value:9.3f} {peer_value:9.3f} ms  x{ratio:<7} {spread!s:18} {copies:6} copies  {target:>4} {verdict}"
+    return "\n".join(line.format(**row, verdict="holds" if row["holds"] else "MISSED") for row in rows)
+
+
 if __name__ == "__main__":
-    import json
     import sys
 
-    only = sys.argv[1] if len(sys.argv) > 1 else ""
-    if only == "--json":
-        print(json.dumps(run()))
-    else:
-        for row in run():
-            print(
-                f"{row['name']:42s} {row['value']:8.3f} {row['peer_value']:8.3f}  x{row['ratio']:<7} {row['spread']}"
-                f" {row['copies']:6} copies  target {row['target']}  {'ok' if row['holds'] else 'MISSED'}"
-            )
+    print(table(run(only=" ".join(sys.argv[1:]))))

@@ -9,7 +9,9 @@ import numpy as np
 from numba import njit
 
 from zsight_core.errors import GeometryError, PointsError
-from zsight_core.take import take
+from zsight_core.points import XYZ
+from zsight_core.take import append_marked, room_for, take, trimmed, units_of
+from zsight_core.tile import TILE, load_tile, new_tile
 from zsight_core.words import words_of
 
 if TYPE_CHECKING:
@@ -18,13 +20,22 @@ if TYPE_CHECKING:
     from zsight_core.points import Points
     from zsight_core.words import Layout
 
+_LARGEST = float(np.finfo(np.float32).max)
+
 __all__ = ["box", "box_mask", "finite_mask", "matching_colour", "pass_through", "remove_nan", "warm_up"]
 
 
-def pass_through(points: Points, field: str, low: float, high: float) -> Points:
+def pass_through(points: Points, field: str, low: float, high: float, out: Points | None = None) -> Points:
     """The points with finite coordinates and low <= field <= high: (1, M), all fields kept.
 
     Limits are compared as float32 where the field is float32, as PCL does.
+
+    Args:
+        points: (H, W).
+        field: name of a field of one number.
+        low: least value kept.
+        high: greatest value kept.
+        out: room for the result, contiguous, as many points as the cloud has; the result is then a view of it.
 
     Raises:
         PointsError: the cloud has no such field, or the field holds several numbers a point.
@@ -36,37 +47,42 @@ def pass_through(points: Points, field: str, low: float, high: float) -> Points:
         raise PointsError(f"field {field} holds {points.dtype[field].shape} numbers a point; expected one")
     _require_order(low, high)
     if field in ("x", "y", "z"):
-        limits = np.array([[-np.inf] * 3, [np.inf] * 3])
-        limits[:, "xyz".index(field)] = low, high
-        return take(points, box_mask(points, *limits))
+        lows, highs = [-np.inf] * 3, [np.inf] * 3
+        lows["xyz".index(field)], highs["xyz".index(field)] = low, high
+        return box(points, lows, highs, out)
     values = points[field]
-    return take(points, (values >= values.dtype.type(low)) & (values <= values.dtype.type(high)) & finite_mask(points))
+    inside = (values >= values.dtype.type(low)) & (values <= values.dtype.type(high))
+    return take(points, inside & finite_mask(points), out)
 
 
-def box(points: Points, low: ArrayLike, high: ArrayLike) -> Points:
+def box(points: Points, low: ArrayLike, high: ArrayLike, out: Points | None = None) -> Points:
     """The points with low <= (x, y, z) <= high on every axis: (1, M), all fields kept.
 
     Args:
         points: (H, W).
         low: (3,) least coordinates, metres; -inf is no limit.
         high: (3,) greatest coordinates, metres; inf is no limit.
+        out: room for the result, contiguous, as many points as the cloud has; the result is then a view of it.
 
     Raises:
         GeometryError: a low limit above its high one, or a limit is NaN.
     """
-    return take(points, box_mask(points, low, high))
+    limits = _limits(low, high)
+    cloud, units = words_of(points), units_of(points)
+    if units is None or points.dtype.itemsize != 16 or (out is not None and out.size < points.size):
+        return take(points, box_mask(points, low, high), out)
+    room = room_for(points, points.size, out)
+    target = units_of(room)
+    if target is None:
+        return take(points, box_mask(points, low, high), out)
+    return trimmed(room, _take_in_box(cloud.words, cloud.layout, limits, units, target), out)
 
 
 def box_mask(cloud: Points | NDArray[np.floating[Any]], low: ArrayLike, high: ArrayLike) -> NDArray[np.bool_]:
     """Mask (H, W) of what `box` keeps; a point that is not finite is never kept."""
-    lows, highs = (np.asarray(limit, dtype=np.float64).reshape(3) for limit in (low, high))
-    for least, greatest in zip(lows, highs, strict=True):
-        _require_order(least, greatest)
     words = words_of(cloud)
     out = np.empty(words.shape, np.bool_)
-    largest = np.finfo(np.float32).max
-    limits = np.clip(np.concatenate([lows, highs]), -largest, largest).astype(np.float32)
-    _in_box(words.words, words.layout, limits, out.reshape(-1))
+    _in_box(words.words, words.layout, _limits(low, high), out.reshape(-1))
     return out
 
 
@@ -75,9 +91,14 @@ def finite_mask(cloud: Points | NDArray[np.floating[Any]]) -> NDArray[np.bool_]:
     return box_mask(cloud, [-np.inf] * 3, [np.inf] * 3)
 
 
-def remove_nan(points: Points) -> Points:
-    """The points with finite x, y and z: (1, M), all fields kept; the rows and columns are given up."""
-    return take(points, finite_mask(points))
+def remove_nan(points: Points, out: Points | None = None) -> Points:
+    """The points with finite x, y and z: (1, M), all fields kept; the rows and columns are given up.
+
+    Args:
+        points: (H, W).
+        out: room for the result, contiguous, as many points as the cloud has; the result is then a view of it.
+    """
+    return box(points, [-np.inf] * 3, [np.inf] * 3, out)
 
 
 def matching_colour(points: Points, rgb: tuple[int, int, int], tolerance: float) -> Points:
@@ -94,6 +115,15 @@ def matching_colour(points: Points, rgb: tuple[int, int, int], tolerance: float)
     return take(points, mask)
 
 
+def _limits(low: ArrayLike, high: ArrayLike) -> NDArray[np.float32]:
+    """(6,) low and high limits; infinite ones become the largest numbers, so that infinite points lie outside."""
+    limits = np.empty((2, 3))
+    limits[0], limits[1] = low, high
+    for axis in range(3):
+        _require_order(limits[0, axis], limits[1, axis])
+    return np.clip(limits, -_LARGEST, _LARGEST).astype(np.float32).reshape(6)
+
+
 def _require_order(low: float, high: float) -> None:
     if not low <= high:
         raise GeometryError(f"limits are {low} to {high}; expected two numbers, the lower one first")
@@ -101,16 +131,38 @@ def _require_order(low: float, high: float) -> None:
 
 @njit(cache=True, nogil=True)
 def _in_box(words: NDArray[np.float32], layout: Layout, limits: NDArray[np.float32], out: NDArray[np.bool_]) -> None:
-    step, at_x, at_y, at_z = layout
+    tile, inside = new_tile(), np.empty(TILE, np.uint8)
+    for start in range(0, len(out), TILE):
+        load_tile(words, layout, -1, start, tile)
+        _mark_box(tile, limits, inside)
+        for i in range(min(TILE, len(out) - start)):
+            out[start + i] = inside[i] == 1
+
+
+@njit(cache=True, nogil=True)
+def _take_in_box(
+    words: NDArray[np.float32],
+    layout: Layout,
+    limits: NDArray[np.float32],
+    units: NDArray[np.complex128],
+    out: NDArray[np.complex128],
+) -> int:
+    """Copy the points in the box; returns how many they are."""
+    tile, inside = new_tile(), np.empty(TILE, np.uint8)
+    used, count = 0, len(words) // layout[0]
+    for start in range(0, count, TILE):
+        load_tile(words, layout, -1, start, tile)
+        _mark_box(tile, limits, inside)
+        used = append_marked(units, start, inside[: min(TILE, count - start)], out, used)
+    return used
+
+
+@njit(cache=True, nogil=True)
+def _mark_box(tile: NDArray[np.float32], limits: NDArray[np.float32], inside: NDArray[np.uint8]) -> None:
     lx, ly, lz, hx, hy, hz = limits[0], limits[1], limits[2], limits[3], limits[4], limits[5]
-    if step == 4 and at_x == 0 and at_y == 1 and at_z == 2:
-        for i in range(len(out)):
-            x, y, z = words[4 * i], words[4 * i + 1], words[4 * i + 2]
-            out[i] = (x >= lx) & (x <= hx) & (y >= ly) & (y <= hy) & (z >= lz) & (z <= hz)
-    else:
-        for i in range(len(out)):
-            x, y, z = words[step * i + at_x], words[step * i + at_y], words[step * i + at_z]
-            out[i] = (x >= lx) & (x <= hx) & (y >= ly) & (y <= hy) & (z >= lz) & (z <= hz)
+    for i in range(TILE):
+        x, y, z = tile[0, i], tile[1, i], tile[2, i]
+        inside[i] = (x >= lx) & (x <= hx) & (y >= ly) & (y <= hy) & (z >= lz) & (z <= hz)
 
 
 @njit(cache=True, nogil=True)
@@ -139,4 +191,5 @@ def warm_up() -> None:
     words = words_of(np.zeros((4, 3), np.float32))
     mask = np.empty(4, np.bool_)
     _in_box(words.words, words.layout, np.zeros(6, np.float32), mask)
+    remove_nan(np.zeros((1, 2), XYZ))
     _of_colour(words.words, words.layout, 2, np.zeros(3), 1.0, mask)

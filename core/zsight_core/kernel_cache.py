@@ -17,7 +17,17 @@ from pathlib import Path
 
 __all__ = ["SHARED", "folder", "is_stamped", "stamp", "use"]
 
-SHARED = ("contour.py", "eight_bytes.py", "moments.py", "points.py", "render.py", "simulation/depth_edge.py", "words.py")
+SHARED = (
+    "contour.py",
+    "eight_bytes.py",
+    "moments.py",
+    "points.py",
+    "render.py",
+    "simulation/depth_edge.py",
+    "take.py",
+    "tile.py",
+    "words.py",
+)
 """Files of this package whose kernels are called by kernels of other files; a test compares this list with the code."""
 
 _PACKAGE = Path(__file__).resolve().parent

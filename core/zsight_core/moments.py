@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numba import njit
+
+from zsight_core.tile import TILE, load_tile, new_tile
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from zsight_core.words import Layout
 
-__all__ = ["covariance", "moments_near_plane", "principal_axes", "warm_up"]
+__all__ = ["add_moments_near_plane", "covariance", "moments_near_plane", "principal_axes", "warm_up"]
 
 
 @njit(cache=True, nogil=True)
@@ -31,47 +33,26 @@ def moments_near_plane(
     Returns:
         (10,) count, sums of x y z, of xx xy xz yy yz zz, all relative to n d.
     """
-    step, at_x, at_y, at_z = layout
-    nx, ny, nz = np.float32(plane[0]), np.float32(plane[1]), np.float32(plane[2])
-    px, py, pz = np.float32(plane[0] * plane[3]), np.float32(plane[1] * plane[3]), np.float32(plane[2] * plane[3])
-    limit = np.float32(min(tolerance, 3.4e38))  # a point that is not finite lies farther off than this, or NaN
     total = np.zeros(10)
-    part = np.zeros(10, np.float32)
-    count = len(words) // step
-    for start in range(0, count, 256):
-        if step == 4 and at_x == 0 and at_y == 1 and at_z == 2:
-            tile = words[4 * start : 4 * min(count, start + 256)]
-            _tile_moments(tile, 4, 0, 1, 2, nx, ny, nz, px, py, pz, limit, part)
-        else:
-            tile = words[step * start : step * min(count, start + 256)]
-            _tile_moments(tile, step, at_x, at_y, at_z, nx, ny, nz, px, py, pz, limit, part)
-        for k in range(10):
-            total[k] += part[k]
+    tile = new_tile()
+    for start in range(0, len(words) // layout[0], TILE):
+        load_tile(words, layout, -1, start, tile)
+        add_moments_near_plane(tile, plane, tolerance, total)
     return total
 
 
 @njit(cache=True, nogil=True, fastmath={"reassoc", "nsz", "contract"})  # a sum in any order is as good; NaNs are kept
-def _tile_moments(
-    tile: NDArray[np.float32],
-    step: int,
-    at_x: int,
-    at_y: int,
-    at_z: int,
-    nx: Any,
-    ny: Any,
-    nz: Any,
-    px: Any,
-    py: Any,
-    pz: Any,
-    limit: Any,
-    part: NDArray[np.float32],
+def add_moments_near_plane(
+    tile: NDArray[np.float32], plane: NDArray[np.float64], tolerance: float, total: NDArray[np.float64]
 ) -> None:
+    """Add the sums of one tile to those (10,) of `moments_near_plane`; a tile is summed in float32."""
+    nx, ny, nz = np.float32(plane[0]), np.float32(plane[1]), np.float32(plane[2])
+    px, py, pz = np.float32(plane[0] * plane[3]), np.float32(plane[1] * plane[3]), np.float32(plane[2] * plane[3])
+    limit = np.float32(min(tolerance, 3.4e38))  # a point that is not finite lies farther off than this, or NaN
     zero = np.float32(0)
     n = sx = sy = sz = sxx = sxy = sxz = syy = syz = szz = zero
-    for i in range(len(tile) // step):
-        x = tile[step * i + at_x] - px
-        y = tile[step * i + at_y] - py
-        z = tile[step * i + at_z] - pz
+    for i in range(TILE):
+        x, y, z = tile[0, i] - px, tile[1, i] - py, tile[2, i] - pz
         inside = abs(nx * x + ny * y + nz * z) <= limit
         x = x if inside else zero
         y = y if inside else zero
@@ -86,16 +67,16 @@ def _tile_moments(
         syy += y * y
         syz += y * z
         szz += z * z
-    part[0] = n
-    part[1] = sx
-    part[2] = sy
-    part[3] = sz
-    part[4] = sxx
-    part[5] = sxy
-    part[6] = sxz
-    part[7] = syy
-    part[8] = syz
-    part[9] = szz
+    total[0] += n
+    total[1] += sx
+    total[2] += sy
+    total[3] += sz
+    total[4] += sxx
+    total[5] += sxy
+    total[6] += sxz
+    total[7] += syy
+    total[8] += syz
+    total[9] += szz
 
 
 @njit(cache=True, nogil=True)

@@ -87,10 +87,12 @@ def concatenate(clouds: Iterable[Points]) -> Points:
     if not parts:
         raise PointsError("no clouds to concatenate; expected at least one")
     dtype = parts[0].dtype
-    result = np.zeros((1, sum(part.size for part in parts)), dtype)
+    whole = np.dtype((np.void, dtype.itemsize))  # numpy copies a record with fields one field at a time
+    result = np.empty((1, sum(part.size for part in parts)), dtype)
     start = 0
     for part in parts:
-        result[0, start : start + part.size] = repack(part, dtype).reshape(-1)
+        records = repack(part, dtype).reshape(-1)
+        result.view(whole)[0, start : start + part.size] = records.view(whole)
         start += part.size
     return result
 

@@ -15,7 +15,8 @@ from numba import njit
 
 from zsight_core.errors import GeometryError
 from zsight_core.moments import covariance, moments_near_plane, principal_axes
-from zsight_core.take import take
+from zsight_core.take import append_marked, room_for, take, trimmed, units_of
+from zsight_core.tile import TILE, load_tile, new_tile
 from zsight_core.words import words_of
 
 if TYPE_CHECKING:
@@ -62,7 +63,7 @@ class Plane:
 
 @dataclass(frozen=True)
 class PlaneFit:
-    """A plane, how many points lie near it, and the root mean square of their distances, metres."""
+    """A plane, to how many points it was fitted, and the root mean square of their distances from it, metres."""
 
     plane: Plane
     inliers: int
@@ -146,13 +147,26 @@ def inliers(cloud: Points | NDArray[np.floating[Any]], plane: Plane, tolerance: 
     return out
 
 
-def select(points: Points, plane: Plane, tolerance: float) -> Points:
+def select(points: Points, plane: Plane, tolerance: float, out: Points | None = None) -> Points:
     """The points within tolerance of the plane: (1, M), all fields as they are, in the cloud's order.
+
+    Args:
+        points: (H, W).
+        plane: in the cloud's frame.
+        tolerance: greatest distance, metres.
+        out: room for the result, contiguous, as many points as the cloud has; the result is then a view of it.
 
     Raises:
         GeometryError: tolerance is negative or NaN.
     """
-    return take(points, inliers(points, plane, tolerance))
+    _require_tolerance(tolerance)
+    cloud, units = words_of(points), units_of(points)
+    room = room_for(points, points.size, out) if points.dtype.itemsize == 16 and units is not None else None
+    target = None if room is None else units_of(room)
+    if room is None or units is None or target is None:
+        return take(points, inliers(points, plane, tolerance), out)
+    limit = np.float32(tolerance)
+    return trimmed(room, _take_near(cloud.words, cloud.layout, plane.coefficients(), limit, units, target), out)
 
 
 def frame_on_plane(plane: Plane, point: ArrayLike) -> NDArray[np.float64]:
@@ -184,7 +198,7 @@ def _consensus(cloud: Words, threshold: float, seed: int, iterations: int) -> Pl
     best = _msac(sample, threshold, seed, iterations)
     if not best.any():
         raise GeometryError("all points lie on one line; a plane needs three that do not")
-    return _refit(words_of(sample), plane_through(best[:3], best[:3] * best[3]), threshold).plane
+    return _refit(words_of(sample), plane_through(best[:3], best[:3] * best[3]), threshold, rounds=4).plane
 
 
 def _noise_limit(cloud: Words, plane: Plane, tolerance: float) -> float:
@@ -201,27 +215,20 @@ def _sample_heights(cloud: Words, plane: Plane) -> NDArray[np.float64]:
     return heights
 
 
-def _refit(cloud: Words, plane: Plane, tolerance: float) -> PlaneFit:
-    """Fit by moments to the points near the plane, until they stay the same ones."""
-    count = 0
-    for _ in range(5):
-        sums = moments_near_plane(cloud.words, cloud.layout, plane.coefficients(), tolerance)
-        if sums[0] < 3 or sums[0] == count:
+def _refit(cloud: Words, plane: Plane, tolerance: float, rounds: int = 2) -> PlaneFit:
+    """Fit by moments to the points near the plane, and once more to those near the new one."""
+    fit = PlaneFit(plane, 0, 0.0)
+    for _ in range(rounds):
+        sums = moments_near_plane(cloud.words, cloud.layout, fit.plane.coefficients(), tolerance)
+        if sums[0] < 3:
             break
-        count = int(sums[0])
         centroid, spread = covariance(sums)
         variances, axes = principal_axes(spread)
         if variances[1] <= 1e-12 * variances[2]:
             raise GeometryError("all points near the plane lie on one line; a plane needs three that do not")
-        plane = plane_through(axes[:, 0], centroid + plane.normal * plane.distance)
-    return PlaneFit(plane, *_quality(cloud, plane, tolerance))
-
-
-def _quality(cloud: Words, plane: Plane, tolerance: float) -> tuple[int, float]:
-    sums = moments_near_plane(cloud.words, cloud.layout, plane.coefficients(), tolerance)
-    n = plane.normal
-    squares = np.array([[sums[4], sums[5], sums[6]], [sums[5], sums[7], sums[8]], [sums[6], sums[8], sums[9]]])
-    return int(sums[0]), math.sqrt(max(float(n @ squares @ n), 0.0) / max(sums[0], 1.0))
+        through = centroid + fit.plane.normal * fit.plane.distance
+        fit = PlaneFit(plane_through(axes[:, 0], through), int(sums[0]), math.sqrt(max(variances[0], 0.0)))
+    return fit
 
 
 def _require_tolerance(tolerance: float) -> None:
@@ -317,29 +324,52 @@ def _msac(sample: NDArray[np.float64], threshold: float, seed: int, iterations: 
 
 @njit(cache=True, nogil=True)
 def _heights(words: NDArray[np.float32], layout: Layout, plane: NDArray[np.float64], out: NDArray[np.float32]) -> None:
-    step, at_x, at_y, at_z = layout
-    nx, ny, nz, d = np.float32(plane[0]), np.float32(plane[1]), np.float32(plane[2]), np.float32(plane[3])
-    if step == 4 and at_x == 0 and at_y == 1 and at_z == 2:
-        for i in range(len(out)):
-            out[i] = nx * words[4 * i] + ny * words[4 * i + 1] + nz * words[4 * i + 2] - d
-    else:
-        for i in range(len(out)):
-            out[i] = nx * words[step * i + at_x] + ny * words[step * i + at_y] + nz * words[step * i + at_z] - d
+    tile, above = new_tile(), np.empty(TILE, np.float32)
+    for start in range(0, len(out), TILE):
+        load_tile(words, layout, -1, start, tile)
+        _tile_heights(tile, plane, above)
+        for i in range(min(TILE, len(out) - start)):
+            out[start + i] = above[i]
 
 
 @njit(cache=True, nogil=True)
 def _near(
     words: NDArray[np.float32], layout: Layout, plane: NDArray[np.float64], limit: Any, out: NDArray[np.bool_]
 ) -> None:
-    step, at_x, at_y, at_z = layout
+    tile, above = new_tile(), np.empty(TILE, np.float32)
+    for start in range(0, len(out), TILE):
+        load_tile(words, layout, -1, start, tile)
+        _tile_heights(tile, plane, above)
+        for i in range(min(TILE, len(out) - start)):
+            out[start + i] = abs(above[i]) <= limit
+
+
+@njit(cache=True, nogil=True)
+def _take_near(
+    words: NDArray[np.float32],
+    layout: Layout,
+    plane: NDArray[np.float64],
+    limit: Any,
+    units: NDArray[np.complex128],
+    out: NDArray[np.complex128],
+) -> int:
+    """Copy the points near the plane; returns how many they are."""
+    tile, above, near = new_tile(), np.empty(TILE, np.float32), np.empty(TILE, np.uint8)
+    used, count = 0, len(words) // layout[0]
+    for start in range(0, count, TILE):
+        load_tile(words, layout, -1, start, tile)
+        _tile_heights(tile, plane, above)
+        for i in range(TILE):
+            near[i] = abs(above[i]) <= limit
+        used = append_marked(units, start, near[: min(TILE, count - start)], out, used)
+    return used
+
+
+@njit(cache=True, nogil=True)
+def _tile_heights(tile: NDArray[np.float32], plane: NDArray[np.float64], above: NDArray[np.float32]) -> None:
     nx, ny, nz, d = np.float32(plane[0]), np.float32(plane[1]), np.float32(plane[2]), np.float32(plane[3])
-    if step == 4 and at_x == 0 and at_y == 1 and at_z == 2:
-        for i in range(len(out)):
-            out[i] = abs(nx * words[4 * i] + ny * words[4 * i + 1] + nz * words[4 * i + 2] - d) <= limit
-    else:
-        for i in range(len(out)):
-            x, y, z = words[step * i + at_x], words[step * i + at_y], words[step * i + at_z]
-            out[i] = abs(nx * x + ny * y + nz * z - d) <= limit
+    for i in range(TILE):
+        above[i] = nx * tile[0, i] + ny * tile[1, i] + nz * tile[2, i] - d
 
 
 def warm_up() -> None:

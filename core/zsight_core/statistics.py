@@ -9,6 +9,7 @@ import numpy as np
 from numba import njit
 
 from zsight_core.errors import GeometryError, PointsError
+from zsight_core.tile import TILE, load_tile, new_tile
 from zsight_core.words import words_of
 
 if TYPE_CHECKING:
@@ -16,6 +17,8 @@ if TYPE_CHECKING:
 
     from zsight_core.points import Points
     from zsight_core.words import Layout
+
+_MOST = 0x7FFFFFFF
 
 __all__ = ["average_colour", "bounding_box", "centroid", "count_finite", "warm_up"]
 
@@ -71,35 +74,36 @@ def _require_points(some: float | bool) -> None:
         raise GeometryError("no point of the cloud has finite coordinates; expected at least one")
 
 
-@njit(cache=True, nogil=True, fastmath={"reassoc", "nsz", "contract"})  # a sum in any order is as good; NaNs are kept
-def _tile_sums(
-    tile: NDArray[np.float32], step: int, at_x: int, at_y: int, at_z: int, sums: NDArray[np.float64]
-) -> None:
-    sx = sy = sz = 0.0
-    n = 0
-    for i in range(len(tile) // step):
-        x, y, z = tile[step * i + at_x], tile[step * i + at_y], tile[step * i + at_z]
-        finite = abs(x) < np.inf and abs(y) < np.inf and abs(z) < np.inf
-        sx += float(x) if finite else 0.0
-        sy += float(y) if finite else 0.0
-        sz += float(z) if finite else 0.0
-        n += 1 if finite else 0
-    sums[0] += sx
-    sums[1] += sy
-    sums[2] += sz
-    sums[3] += n
-
-
 @njit(cache=True, nogil=True)
 def _sums(words: NDArray[np.float32], layout: Layout) -> NDArray[np.float64]:
     """(4,) sums of x, y, z over the finite points, and their count."""
-    step, at_x, at_y, at_z = layout
     sums = np.zeros(4)
-    if step == 4 and at_x == 0 and at_y == 1 and at_z == 2:
-        _tile_sums(words, 4, 0, 1, 2, sums)
-    else:
-        _tile_sums(words, step, at_x, at_y, at_z, sums)
+    tile = new_tile()
+    for start in range(0, len(words) // layout[0], TILE):
+        load_tile(words, layout, -1, start, tile)
+        _add_tile(tile, sums)
     return sums
+
+
+@njit(cache=True, nogil=True, fastmath={"reassoc", "nsz", "contract"})  # a sum in any order is as good; NaNs are kept
+def _add_tile(tile: NDArray[np.float32], sums: NDArray[np.float64]) -> None:
+    """Sums about the tile's first point keep float32 as exact as it is."""
+    zero, infinite = np.float32(0), np.float32(np.inf)
+    sx = sy = sz = n = zero
+    px = tile[0, 0] if abs(tile[0, 0]) < infinite else zero
+    py = tile[1, 0] if abs(tile[1, 0]) < infinite else zero
+    pz = tile[2, 0] if abs(tile[2, 0]) < infinite else zero
+    for i in range(TILE):
+        x, y, z = tile[0, i], tile[1, i], tile[2, i]
+        finite = (abs(x) < infinite) & (abs(y) < infinite) & (abs(z) < infinite)
+        sx += x - px if finite else zero
+        sy += y - py if finite else zero
+        sz += z - pz if finite else zero
+        n += np.float32(1) if finite else zero
+    sums[0] += sx + float(n) * px
+    sums[1] += sy + float(n) * py
+    sums[2] += sz + float(n) * pz
+    sums[3] += n
 
 
 @njit(cache=True, nogil=True)
@@ -109,14 +113,13 @@ def _bounds(words: NDArray[np.float32], layout: Layout) -> tuple[NDArray[np.floa
     The bits of a float, its lower 31 flipped when it is negative, are ordered as the floats are, and the least of
     integers is found many at a time where NaN forbids that for floats.
     """
-    step, at_x, at_y, at_z = layout
-    bits = words.view(np.int32)
-    low = np.full(3, np.inf)
-    high = np.full(3, -np.inf)
-    if step == 4 and at_x == 0 and at_y == 1 and at_z == 2:
-        limits = _ordered_bounds(bits, 4, 0, 1, 2)
-    else:
-        limits = _ordered_bounds(bits, step, at_x, at_y, at_z)
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    limits = np.array([_MOST, _MOST, _MOST, -_MOST, -_MOST, -_MOST], dtype=np.int32)
+    tile = new_tile()
+    bits = tile.view(np.int32)
+    for start in range(0, len(words) // layout[0], TILE):
+        load_tile(words, layout, -1, start, tile)
+        _widen(bits, limits)
     if limits[0] <= limits[3]:
         for axis in range(3):
             low[axis] = _from_ordered(limits[axis])
@@ -125,24 +128,24 @@ def _bounds(words: NDArray[np.float32], layout: Layout) -> tuple[NDArray[np.floa
 
 
 @njit(cache=True, nogil=True)
-def _ordered_bounds(bits: NDArray[np.int32], step: int, at_x: int, at_y: int, at_z: int) -> NDArray[np.int32]:
-    exponent = np.int32(0x7F800000)
-    least, most = np.int32(-0x7FFFFFFF), np.int32(0x7FFFFFFF)
-    lx = ly = lz = most
-    hx = hy = hz = least
-    for i in range(len(bits) // step):
-        x, y, z = bits[step * i + at_x], bits[step * i + at_y], bits[step * i + at_z]
-        finite = (x & exponent) != exponent and (y & exponent) != exponent and (z & exponent) != exponent
-        x = x ^ ((x >> 31) & 0x7FFFFFFF)
-        y = y ^ ((y >> 31) & 0x7FFFFFFF)
-        z = z ^ ((z >> 31) & 0x7FFFFFFF)
-        lx = min(lx, np.int32(x) if finite else most)
-        ly = min(ly, np.int32(y) if finite else most)
-        lz = min(lz, np.int32(z) if finite else most)
-        hx = max(hx, np.int32(x) if finite else least)
-        hy = max(hy, np.int32(y) if finite else least)
-        hz = max(hz, np.int32(z) if finite else least)
-    return np.array([lx, ly, lz, hx, hy, hz], dtype=np.int32)
+def _widen(bits: NDArray[np.int32], limits: NDArray[np.int32]) -> None:
+    """Widen limits (6,), in ordered integers, by the points of a tile."""
+    exponent, rest = np.int32(0x7F800000), np.int32(0x7FFFFFFF)
+    most, least = np.int32(_MOST), np.int32(-_MOST)
+    lx, ly, lz, hx, hy, hz = limits[0], limits[1], limits[2], limits[3], limits[4], limits[5]
+    for i in range(TILE):
+        x, y, z = bits[0, i], bits[1, i], bits[2, i]
+        finite = ((x & exponent) != exponent) & ((y & exponent) != exponent) & ((z & exponent) != exponent)
+        x = np.int32(x ^ ((x >> 31) & rest))
+        y = np.int32(y ^ ((y >> 31) & rest))
+        z = np.int32(z ^ ((z >> 31) & rest))
+        lx = min(lx, x if finite else most)
+        ly = min(ly, y if finite else most)
+        lz = min(lz, z if finite else most)
+        hx = max(hx, x if finite else least)
+        hy = max(hy, y if finite else least)
+        hz = max(hz, z if finite else least)
+    limits[0], limits[1], limits[2], limits[3], limits[4], limits[5] = lx, ly, lz, hx, hy, hz
 
 
 @njit(cache=True, nogil=True)

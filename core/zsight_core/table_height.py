@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numba import njit
 
 from zsight_core.errors import GeometryError
-from zsight_core.moments import covariance, principal_axes
+from zsight_core.moments import add_moments_near_plane, covariance, principal_axes
 from zsight_core.plane import Plane, plane_through
+from zsight_core.tile import TILE, load_tile, new_tile
 from zsight_core.words import words_of
 
 if TYPE_CHECKING:
@@ -149,105 +150,114 @@ def _slab_counts(
     layout: Layout,
     motion: NDArray[np.float32],
     edges: NDArray[np.float32],
-    region: NDArray[np.float64],
+    region: NDArray[np.float32],
 ) -> NDArray[np.int64]:
-    step, at_x, at_y, at_z = layout
     slabs = len(edges) - 1
-    counts = np.zeros(slabs, np.int64)
-    first, last = edges[0], edges[slabs]
-    scale = np.float32(slabs) / (last - first)
-    everywhere = region[0] == -np.inf and region[1] == np.inf and region[2] == -np.inf and region[3] == np.inf
-    tile = np.empty(256, np.float32)
-    for start in range(0, len(words) // step, 256):
-        stop = min(len(words) // step, start + 256)
-        if step == 4 and at_x == 0 and at_y == 1 and at_z == 2:
-            _tile_rows(words[4 * start : 4 * stop], 4, 0, 1, 2, motion[2], tile)
-        else:
-            _tile_rows(words[step * start : step * stop], step, at_x, at_y, at_z, motion[2], tile)
-        for i in range(stop - start):
-            z = tile[i]
-            if not (z >= first and z <= last):
-                continue
-            if not everywhere:
-                base = step * (start + i)
-                x = _row(words, base + at_x, base + at_y, base + at_z, motion[0])
-                y = _row(words, base + at_x, base + at_y, base + at_z, motion[1])
-                if not (x >= region[0] and x <= region[1] and y >= region[2] and y <= region[3]):
-                    continue
-            k: int = min(slabs - 1, int((z - first) * scale))
-            while z < edges[k]:  # the quotient rounds; the edges decide
-                k -= 1
-            while k < slabs - 1 and z >= edges[k + 1]:
-                k += 1
-            counts[k] += 1
-            if k > 0 and z == edges[k]:
-                counts[k - 1] += 1
-    return counts
+    counts = np.zeros((4, slabs + 1), np.int64)  # neighbours mostly fall into one slab: four counters do not wait
+    tile = new_tile()
+    heights = np.empty(TILE, np.float32)
+    slab = np.empty(TILE, np.int32)
+    for start in range(0, len(words) // layout[0], TILE):
+        load_tile(words, layout, -1, start, tile)
+        _heights(tile, motion, region, heights)
+        _slabs(heights, edges, slab)
+        for i in range(0, TILE, 4):
+            counts[0, slab[i]] += 1
+            counts[1, slab[i + 1]] += 1
+            counts[2, slab[i + 2]] += 1
+            counts[3, slab[i + 3]] += 1
+        _count_edges(heights, slab, edges, counts)
+    total: NDArray[np.int64] = counts.sum(axis=0)[:slabs]
+    return total
 
 
 @njit(cache=True, nogil=True)
-def _tile_rows(
-    tile: NDArray[np.float32],
-    step: int,
-    at_x: int,
-    at_y: int,
-    at_z: int,
-    row: NDArray[np.float32],
-    out: NDArray[np.float32],
+def _heights(
+    tile: NDArray[np.float32], motion: NDArray[np.float32], limits: NDArray[np.float32], heights: NDArray[np.float32]
 ) -> None:
-    a, b, c, d = row[0], row[1], row[2], row[3]
-    for i in range(len(tile) // step):
-        out[i] = a * tile[step * i + at_x] + b * tile[step * i + at_y] + c * tile[step * i + at_z] + d
+    """World height of each point of a tile, NaN outside the region: x low, x high, y low, y high."""
+    a, b, c, d = motion[2, 0], motion[2, 1], motion[2, 2], motion[2, 3]
+    for i in range(TILE):
+        heights[i] = a * tile[0, i] + b * tile[1, i] + c * tile[2, i] + d
+    if limits[0] > -np.inf or limits[1] < np.inf or limits[2] > -np.inf or limits[3] < np.inf:
+        for i in range(TILE):
+            x = motion[0, 0] * tile[0, i] + motion[0, 1] * tile[1, i] + motion[0, 2] * tile[2, i] + motion[0, 3]
+            y = motion[1, 0] * tile[0, i] + motion[1, 1] * tile[1, i] + motion[1, 2] * tile[2, i] + motion[1, 3]
+            inside = (x >= limits[0]) & (x <= limits[1]) & (y >= limits[2]) & (y <= limits[3])
+            heights[i] = heights[i] if inside else np.float32(np.nan)
 
 
 @njit(cache=True, nogil=True)
-def _row(words: NDArray[np.float32], x: int, y: int, z: int, row: NDArray[np.float32]) -> Any:
-    return row[0] * words[x] + row[1] * words[y] + row[2] * words[z] + row[3]
+def _slabs(heights: NDArray[np.float32], edges: NDArray[np.float32], slab: NDArray[np.int32]) -> None:
+    """Number of the slab of each height, the upper one on an edge; the number of slabs for a height in none."""
+    last = np.int32(len(edges) - 1)
+    low, high = edges[0], edges[last]
+    scale = np.float32(last) / (high - low)
+    for i in range(TILE):
+        inside = (heights[i] >= low) & (heights[i] <= high)
+        slab[i] = np.int32((heights[i] - low if inside else np.float32(0)) * scale)
+    for i in range(TILE):  # the quotient rounds; the edges decide
+        k = min(slab[i], last - 1)
+        k = k - 1 if k > 0 and heights[i] < edges[k] else k
+        k = k + 1 if k < last - 1 and heights[i] >= edges[k + 1] else k
+        slab[i] = k if (heights[i] >= low) & (heights[i] <= high) else last
+
+
+@njit(cache=True, nogil=True)
+def _count_edges(
+    heights: NDArray[np.float32], slab: NDArray[np.int32], edges: NDArray[np.float32], counts: NDArray[np.int64]
+) -> None:
+    """A height on an edge counts in the slab below as well."""
+    on_edge = False
+    for i in range(TILE):
+        on_edge |= heights[i] == edges[slab[i]]
+    if on_edge:
+        for i in range(TILE):
+            if heights[i] == edges[slab[i]] and 0 < slab[i] < len(edges) - 1:
+                counts[0, slab[i] - 1] += 1
 
 
 @njit(cache=True, nogil=True)
 def _slab_moments(
-    words: NDArray[np.float32],
-    layout: Layout,
-    motion: NDArray[np.float32],
-    limits: NDArray[np.float64],
-    middle: float,
+    words: NDArray[np.float32], layout: Layout, motion: NDArray[np.float32], limits: NDArray[np.float64], middle: float
 ) -> NDArray[np.float64]:
     """(10,) count and first and second moments about (0, 0, middle) of the points within x, y, z limits (6,)."""
-    step, at_x, at_y, at_z = layout
     sums = np.zeros(10)
-    low, high = np.float32(limits[4]), np.float32(limits[5])
-    tile = np.empty(256, np.float32)
-    for start in range(0, len(words) // step, 256):
-        stop = min(len(words) // step, start + 256)
-        if step == 4 and at_x == 0 and at_y == 1 and at_z == 2:
-            _tile_rows(words[4 * start : 4 * stop], 4, 0, 1, 2, motion[2], tile)
-        else:
-            _tile_rows(words[step * start : step * stop], step, at_x, at_y, at_z, motion[2], tile)
-        for i in range(stop - start):
-            if tile[i] >= low and tile[i] <= high:
-                base = step * (start + i)
-                x = float(_row(words, base + at_x, base + at_y, base + at_z, motion[0]))
-                y = float(_row(words, base + at_x, base + at_y, base + at_z, motion[1]))
-                z = tile[i] - middle
-                if x >= limits[0] and x <= limits[1] and y >= limits[2] and y <= limits[3]:
-                    sums[0] += 1
-                    sums[1] += x
-                    sums[2] += y
-                    sums[3] += z
-                    sums[4] += x * x
-                    sums[5] += x * y
-                    sums[6] += x * z
-                    sums[7] += y * y
-                    sums[8] += y * z
-                    sums[9] += z * z
+    tile = new_tile()
+    world = new_tile()
+    region = limits.astype(np.float32)
+    slab = np.array([0.0, 0.0, 1.0, middle])
+    for start in range(0, len(words) // layout[0], TILE):
+        load_tile(words, layout, -1, start, tile)
+        if _into_slab(tile, motion, region, world):
+            add_moments_near_plane(world, slab, np.inf, sums)
     return sums
+
+
+@njit(cache=True, nogil=True)
+def _into_slab(
+    tile: NDArray[np.float32], motion: NDArray[np.float32], limits: NDArray[np.float32], world: NDArray[np.float32]
+) -> bool:
+    """World coordinates of the points within the limits, holes for the others; False where all are."""
+    count = np.int32(0)
+    for i in range(TILE):
+        x, y, z = tile[0, i], tile[1, i], tile[2, i]
+        wx = motion[0, 0] * x + motion[0, 1] * y + motion[0, 2] * z + motion[0, 3]
+        wy = motion[1, 0] * x + motion[1, 1] * y + motion[1, 2] * z + motion[1, 3]
+        wz = motion[2, 0] * x + motion[2, 1] * y + motion[2, 2] * z + motion[2, 3]
+        inside = (wx >= limits[0]) & (wx <= limits[1]) & (wy >= limits[2]) & (wy <= limits[3])
+        inside &= (wz >= limits[4]) & (wz <= limits[5])
+        world[0, i] = wx if inside else np.float32(np.nan)
+        world[1, i] = wy
+        world[2, i] = wz
+        count += np.int32(1) if inside else np.int32(0)
+    return bool(count > 0)
 
 
 def warm_up() -> None:
     """Compile the kernels of this file."""
     points = words_of(np.array([[0, 0, 1], [1, 0, 1], [0, 1, 1]], np.float32))
     motion = np.eye(3, 4, dtype=np.float32)
-    everywhere = np.array(EVERYWHERE)
+    everywhere = np.array(EVERYWHERE, np.float32)
     _slab_counts(points.words, points.layout, motion, np.array([0.0, 1.0, 2.0], np.float32), everywhere)
     _slab_moments(points.words, points.layout, motion, np.array([*EVERYWHERE, 0.0, 2.0]), 1.0)

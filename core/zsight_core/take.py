@@ -8,6 +8,7 @@ import numpy as np
 from numba import njit
 
 from zsight_core.errors import PointsError
+from zsight_core.tile import TILE
 from zsight_core.words import record_words
 
 if TYPE_CHECKING:
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
 
     from zsight_core.points import Points
 
-__all__ = ["take", "warm_up"]
+__all__ = ["append_marked", "room_for", "take", "trimmed", "units_of", "warm_up"]
 
 
 def take(points: Points, mask: NDArray[np.bool_], out: Points | None = None) -> Points:
@@ -24,7 +25,7 @@ def take(points: Points, mask: NDArray[np.bool_], out: Points | None = None) -> 
     Args:
         points: (H, W).
         mask: the same shape.
-        out: room for at least M points of the same dtype, shape (1, N); the result is then a view of it.
+        out: room for at least M points of the same dtype, contiguous; the result is then a view of it.
 
     Raises:
         PointsError: the shapes differ, or `out` is too small or of another dtype.
@@ -33,37 +34,96 @@ def take(points: Points, mask: NDArray[np.bool_], out: Points | None = None) -> 
         raise PointsError(f"mask has shape {mask.shape} and type {mask.dtype}; expected {points.shape} and bool")
     flat_mask = np.ascontiguousarray(mask).reshape(-1)
     count = int(np.count_nonzero(flat_mask))
-    if out is None:
-        out = np.empty((1, count), points.dtype)
-    if out.dtype != points.dtype or not out.flags.c_contiguous or out.size < count:
-        raise PointsError(f"output holds {out.size} points of {out.dtype}; expected {count} or more of {points.dtype}")
-    room = out.reshape(1, -1)[:, :count]
-    if points.dtype.itemsize % 4 == 0 and points.ctypes.data % 4 == 0:
-        _take_words(
-            record_words(np.ascontiguousarray(points)), points.dtype.itemsize // 4, flat_mask, record_words(room)
-        )
+    room = room_for(points, count, out)[:, :count]
+    units, target = units_of(points), units_of(room)
+    if units is not None and target is not None:
+        _take_units(units, flat_mask.view(np.uint8), target)
     else:
         room[0] = points.reshape(-1)[flat_mask]
     return room
 
 
+def room_for(points: Points, count: int, out: Points | None) -> Points:
+    """Room (1, N >= count) for points of this dtype: `out` if it is given, else fresh.
+
+    Raises:
+        PointsError: `out` does not fit.
+    """
+    if out is None:
+        return np.empty((1, count), points.dtype)
+    if out.dtype != points.dtype or not out.flags.c_contiguous or out.size < count:
+        raise PointsError(f"output holds {out.size} points of {out.dtype}; expected {count} or more of {points.dtype}")
+    return out.reshape(1, -1)
+
+
+def trimmed(room: Points, count: int, out: Points | None) -> Points:
+    """The first `count` points of the room (1, N); as a copy where most of fresh room would be held for nothing."""
+    filled = room[:, :count]
+    if out is not None or 2 * count >= room.size:
+        return filled
+    return filled.view(np.dtype((np.void, room.dtype.itemsize))).copy().view(room.dtype)
+
+
+def units_of(points: Points) -> NDArray[np.complex128] | None:
+    """A contiguous cloud's memory in units of 16 bytes, which move in one go; None where that does not fit."""
+    if points.dtype.itemsize % 16 or not points.flags.c_contiguous:
+        return None
+    units: NDArray[np.complex128] = record_words(points).view(np.complex128)
+    return units if units.flags.aligned else None
+
+
 @njit(cache=True, nogil=True)
-def _take_words(words: NDArray[np.float32], step: int, mask: NDArray[np.bool_], out: NDArray[np.float32]) -> None:
-    used = 0
-    if step == 4:
-        for i in range(len(mask)):
-            if mask[i]:
-                for k in range(4):
-                    out[used + k] = words[4 * i + k]
-                used += 4
-    else:
-        for i in range(len(mask)):
-            if mask[i]:
-                for k in range(step):
-                    out[used + k] = words[step * i + k]
-                used += step
+def append_marked(
+    units: NDArray[np.complex128], start: int, marked: NDArray[np.uint8], out: NDArray[np.complex128], used: int
+) -> int:
+    """Copy the marked ones of the points from `start` on behind the `used` points that `out` holds already.
+
+    Args:
+        units: the cloud; how many units make a point follows from the length of `out`, which has room for as many.
+        start: first point of the tile.
+        marked: 1 or 0 for each point of a tile.
+        out: room for all points of the cloud.
+        used: points in it.
+
+    Returns:
+        Points in `out` afterwards.
+    """
+    count = 0
+    for i in range(len(marked)):
+        count += int(marked[i])
+    if count == 0:
+        return used
+    if count == len(marked):
+        out[used : used + count] = units[start : start + count]
+        return used + count
+    place = np.uint64(used)
+    for i in range(len(marked)):
+        out[place] = units[start + i]
+        place += np.uint64(marked[i])
+    return used + count
+
+
+@njit(cache=True, nogil=True)
+def _take_units(units: NDArray[np.complex128], mask: NDArray[np.uint8], out: NDArray[np.complex128]) -> None:
+    """Without branches that follow the mask: a point that is not marked is overwritten by the next."""
+    per_point = len(units) // max(len(mask), 1)
+    place, end, i = np.uint64(0), np.uint64(len(out)), np.uint64(0)
+    if per_point == 1:
+        while place < end:
+            out[place] = units[i]
+            place += np.uint64(mask[i])
+            i += np.uint64(1)
+        return
+    step = np.uint64(per_point)
+    while place < end:
+        for k in range(step):
+            out[place + k] = units[i * step + k]
+        place += np.uint64(mask[i]) * step
+        i += np.uint64(1)
 
 
 def warm_up() -> None:
     """Compile the kernels of this file."""
-    take(np.zeros((1, 2), [("x", "<f4")]), np.ones((1, 2), np.bool_))
+    units = np.zeros(2 * TILE, np.complex128)
+    _take_units(units[:2], np.ones(2, np.uint8), units[:2].copy())
+    append_marked(units, 0, np.ones(TILE, np.uint8), units.copy(), 0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
@@ -21,6 +22,7 @@ Layout = tuple[int, int, int, int]
 """Words a point, and the word at which x, y and z stand."""
 
 _WORD = np.dtype("<f4")
+_COLOURS = ("rgb", "rgba")
 
 
 @dataclass(frozen=True)
@@ -55,15 +57,16 @@ def words_of(cloud: Points | NDArray[np.floating[Any]]) -> Words:
         PointsError: no x, y, z; not numbers; or another shape.
     """
     points: Points = cast("Points", cloud) if cloud.dtype.names else as_points(cast("NDArray[np.floating[Any]]", cloud))
-    _require_usable(points)
-    colour = colour_field(points)
-    if not _is_wordy(points, ("x", "y", "z", colour) if colour else ("x", "y", "z")):
-        points = _packed(points, colour)
-        colour = "rgb" if colour else None
-    offsets = _word_offsets(points.dtype)
-    layout = (points.dtype.itemsize // 4, offsets["x"], offsets["y"], offsets["z"])
+    if points.ndim not in (1, 2):
+        raise PointsError(f"cloud has shape {points.shape}; expected (height, width) or (count,)")
+    layout, colour = _layout(points.dtype)
     height, width = points.shape if points.ndim == 2 else (1, len(points))
-    return Words(record_words(points), layout, offsets[colour] if colour else -1, (height, width))
+    if layout[0] and points.flags.c_contiguous:
+        words = record_words(points)
+        if words.flags.aligned:
+            return Words(words, layout, colour, (height, width))
+    points = _packed(points, colour_field(points))
+    return Words(record_words(points), *_layout(points.dtype), (height, width))
 
 
 def record_words(points: Points) -> NDArray[np.float32]:
@@ -96,7 +99,7 @@ def as_points(coordinates: NDArray[np.floating[Any]]) -> Points:
 def colour_field(points: Points) -> str | None:
     """Name of the field that packs the colour: rgb, or rgba as some files name it; None without."""
     names = points.dtype.names or ()
-    return next((name for name in ("rgb", "rgba") if name in names), None)
+    return next((name for name in _COLOURS if name in names), None)
 
 
 class _Writable:
@@ -108,33 +111,24 @@ class _Writable:
         self.__array_interface__ = {**facts, "data": (facts["data"][0], False)}
 
 
-def _require_usable(points: Points) -> None:
-    names = points.dtype.names or ()
-    fields: Any = points.dtype.fields or {}
+@lru_cache(maxsize=64)
+def _layout(dtype: np.dtype[Any]) -> tuple[Layout, int]:
+    """Layout of a record and the word of its colour (-1 without); zeros for a record that is not made of words."""
+    names, fields = dtype.names or (), cast("dict[str, tuple[np.dtype[Any], int]]", dtype.fields or {})
     if any(axis not in names for axis in "xyz"):
         raise PointsError(f"cloud has fields {', '.join(names) or 'none'}; expected x, y and z among them")
     for axis in "xyz":
         if fields[axis][0].kind not in "fiu":
             raise PointsError(f"field {axis} has type {fields[axis][0]}; expected one number a point")
-    if points.ndim not in (1, 2):
-        raise PointsError(f"cloud has shape {points.shape}; expected (height, width) or (count,)")
-
-
-def _is_wordy(points: Points, names: tuple[str, ...]) -> bool:
-    fields: Any = points.dtype.fields
-    return (
-        points.flags.c_contiguous
-        and points.dtype.itemsize % 4 == 0
-        and points.ctypes.data % 4 == 0
-        and all(fields[name][1] % 4 == 0 and fields[name][0].newbyteorder("=").itemsize == 4 for name in names)
-        and all(fields[axis][0] == _WORD for axis in "xyz")
-        and all(fields[name][0].isnative for name in names)
-    )
-
-
-def _word_offsets(dtype: np.dtype[Any]) -> dict[str, int]:
-    fields: Any = dtype.fields
-    return {name: fields[name][1] // 4 for name in dtype.names or ()}
+    colour = next((name for name in _COLOURS if name in names), None)
+    wordy = dtype.itemsize % 4 == 0 and all(fields[axis][0] == _WORD and fields[axis][1] % 4 == 0 for axis in "xyz")
+    if colour is not None:
+        kind, offset = fields[colour][:2]
+        wordy = wordy and kind.itemsize == 4 and kind.isnative and offset % 4 == 0
+    if not wordy:
+        return (0, 0, 0, 0), -1
+    layout = (dtype.itemsize // 4, fields["x"][1] // 4, fields["y"][1] // 4, fields["z"][1] // 4)
+    return layout, -1 if colour is None else fields[colour][1] // 4
 
 
 def _packed(points: Points, colour: str | None) -> Points:
