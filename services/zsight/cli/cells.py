@@ -15,6 +15,7 @@ import typer
 
 from zsight.cli.options import Connect, Namespace, network_of
 from zsight.cli.output import say
+from zsight.cli.running import require_warm
 from zsight.errors import NobodyAnswers, UsageError, ZsightError
 
 if TYPE_CHECKING:
@@ -44,6 +45,8 @@ def up(
     from zsight.supervisor import Supervisor
 
     table = cell_file.read(file) if file is not None else cell_file.DEFAULT_TABLE
+    if any(entry.service != "router" for entry in table.processes):
+        require_warm()
     if detach:
         _detach()
         return

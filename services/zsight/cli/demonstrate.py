@@ -9,6 +9,7 @@ import typer
 
 from zsight.cli.options import Json
 from zsight.cli.output import print_json, say
+from zsight.cli.running import require_warm
 
 __all__ = ["demo"]
 
@@ -22,6 +23,7 @@ def demo(
     """Find the toy block in a simulated scene: router, camera, voxel, planes and finder as processes, then all stopped."""
     from zsight.demonstration import demonstrate
 
+    require_warm()
     result = demonstrate(scene=scene, seed=seed, picture=picture, say=say)
     if json:
         print_json(result.report)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import sys
 from dataclasses import replace
 from typing import Annotated
 
@@ -11,7 +13,7 @@ from zsight.cli.options import Connect, Namespace, network_of
 from zsight.cli.output import print_table, say
 from zsight.errors import UsageError
 
-__all__ = ["run", "warm"]
+__all__ = ["require_warm", "run", "warm"]
 
 
 def run(
@@ -41,7 +43,11 @@ def run(
         network = replace(network, listen=tuple(part.strip() for part in listen.split(",")))
     from zsight.runtime import run_service
 
-    raise typer.Exit(run_service(row, settings, process or row.name, network))
+    code = run_service(row, settings, process or row.name, network)
+    # All is closed by now; taking an interpreter full of compiled kernels apart would cost most of a second more.
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(code)
 
 
 def _describe(name: str) -> None:
@@ -71,12 +77,18 @@ def _options(arguments: list[str]) -> dict[str, str]:
 
 def warm() -> None:
     """Compile the kernels, once a machine, so that services answer at once."""
+    require_warm()
+    say("kernels are compiled")
+
+
+def require_warm() -> None:
+    """Compile the kernels unless that was done, with a bar for people to see."""
     from zsight_core.warm import is_warm
     from zsight_core.warm import warm as warm_kernels
 
     if is_warm():
-        say("kernels are compiled")
         return
+    say("compiling the kernels, once a machine: about a minute")
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn
 
@@ -86,4 +98,3 @@ def warm() -> None:
     ) as bar:
         task = bar.add_task("", total=1.0)
         warm_kernels(lambda what, fraction: bar.update(task, completed=fraction, description=what))
-    say("kernels are compiled")
