@@ -45,7 +45,7 @@ format: $(STAMP)  ## put the code into its form
 	$(BIN)/ruff format
 	$(BIN)/ruff check --fix
 
-bench: warm  ## measure everything, or one thing with NAME=
+bench: warm  ## measure something beside its peers with NAME=; without, say what there is
 	@$(BIN)/zsight bench $(NAME)
 
 lock: $(STAMP)  ## pin the newest versions that pyproject.toml allows
