@@ -117,6 +117,9 @@ class GoalHandle(Generic[Goal, Result]):
     report: Callable[[GoalHandle[Goal, Result]], None] = lambda _: None
     last_report: float = 0.0
     stopping: threading.Event = field(default_factory=threading.Event)
+    voice: threading.Lock = field(
+        default_factory=threading.Lock
+    )  # held while an update is told: none overtakes another
 
     def checkpoint(self, stage: str, fraction: float) -> None:
         """Report where the work stands.
@@ -259,8 +262,14 @@ class ActionServer(Generic[Goal, Result]):
                     handle.state = move(handle.state, GoalState.CANCELLING)
             if wanted is not None and not stopped:
                 return CancelResponse(code=CancelCode.ALREADY_ENDED)
+            # What no worker has begun ends here and makes room; the rest at its next checkpoint.
+            never_begun = [handle for handle in stopped if handle in self._waiting]
+            for handle in never_begun:
+                self._waiting.remove(handle)
         for handle in stopped:
             self._tell(handle)
+        for handle in never_begun:
+            self._end(handle, self._work.stopped(handle), GoalState.CANCELLED)
         return CancelResponse(code=CancelCode.NONE, goals=tuple(handle.goal_id for handle in stopped))
 
     # Somebody asks for results that are kept.
@@ -294,6 +303,8 @@ class ActionServer(Generic[Goal, Result]):
                 if handle.state is GoalState.ACCEPTED:
                     handle.state = move(handle.state, GoalState.EXECUTING)
             result, state = self._execute(handle)
+            with self._changed:
+                self._running -= 1
             self._end(handle, result, state)
 
     def _execute(self, handle: GoalHandle[Goal, Result]) -> tuple[Result, GoalState]:
@@ -310,21 +321,19 @@ class ActionServer(Generic[Goal, Result]):
             return self._work.failed(handle.goal, error), GoalState.ABORTED
 
     def _end(self, handle: GoalHandle[Goal, Result], result: Result, state: GoalState) -> None:
-        with self._changed:
-            if handle.state is GoalState.CANCELLING:
-                # The cancel was accepted, perhaps after the last checkpoint: what was found meanwhile is not an answer.
-                result, state = self._work.stopped(handle), GoalState.CANCELLED
-            handle.result = result
-            handle.fraction = 1.0
-            handle.state = move(handle.state, state)
-            handle.ended = time.monotonic()
-            requests, handle.requests = handle.requests, []
-            self._running -= 1
-        update = self._update(handle)
+        with handle.voice:
+            with self._changed:
+                if handle.state is GoalState.CANCELLING:
+                    # The cancel was accepted, perhaps after the last checkpoint: what was found since is no answer.
+                    result, state = self._work.stopped(handle), GoalState.CANCELLED
+                handle.result = result
+                handle.fraction = 1.0
+                handle.state = move(handle.state, state)
+                handle.ended = time.monotonic()
+                requests, handle.requests = handle.requests, []
+            self._say(self._update(handle), requests)
         for request in requests:
-            self._reply(request, update)
             request.close()
-        self._publish(update)
         self._tell_status()
 
     # Words to clients and watchers.
@@ -341,14 +350,20 @@ class ActionServer(Generic[Goal, Result]):
         )
 
     def _tell(self, handle: GoalHandle[Goal, Result]) -> None:
-        with self._changed:
-            update = self._update(handle)
-            requests = list(handle.requests)
+        with handle.voice:
+            with self._changed:
+                update = self._update(handle)
+                requests = list(handle.requests)
+            if handle.ended is not None:
+                return
+            self._say(update, requests)
+        if update.stage in ("", "started"):
+            self._tell_status()
+
+    def _say(self, update: Update[Result], requests: list[RawRequest]) -> None:
         for request in requests:
             self._reply(request, update)
         self._publish(update)
-        if update.stage in ("", "started"):
-            self._tell_status()
 
     def _reply(self, request: RawRequest, update: Update[Result]) -> None:
         try:
