@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, TypeVar, Unpack
 
 from zsight.client import CellClient, answer_of, connect
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Iterator
 
     from zsight.action_client import GoalCall
-    from zsight.client import Cloud
+    from zsight.client import Cloud, FindOptions
     from zsight.merging import MergedObject
     from zsight_protocol.action import CancelResponse, Update
     from zsight_protocol.find_object import FindObjectResult
@@ -48,21 +48,21 @@ class AsyncCellClient:
         """Leave the cell."""
         await asyncio.to_thread(self.client.close)
 
-    async def start_find(self, object_type: str, **options: Any) -> AsyncGoalCall:
+    async def start_find(self, object_type: str, **options: Unpack[FindOptions]) -> AsyncGoalCall:
         """Send a goal: iterate over its updates, or await its result."""
         return AsyncGoalCall(await asyncio.to_thread(lambda: self.client.start_find(object_type, **options)))
 
-    async def find(self, object_type: str, **options: Any) -> FindObjectResult:
+    async def find(self, object_type: str, **options: Unpack[FindOptions]) -> FindObjectResult:
         """Find an object; a task that is cancelled meanwhile cancels the goal."""
         return await (await self.start_find(object_type, **options)).result()
 
-    async def find_all(self, object_type: str, **options: Any) -> list[MergedObject]:
+    async def find_all(self, object_type: str, *, frame: str = "", timeout: float = 10.0) -> list[MergedObject]:
         """Ask every finder."""
-        return await asyncio.to_thread(lambda: self.client.find_all(object_type, **options))
+        return await asyncio.to_thread(lambda: self.client.find_all(object_type, frame=frame, timeout=timeout))
 
-    async def cancel(self, goal_id: str | None = None, **options: Any) -> CancelResponse:
+    async def cancel(self, goal_id: str | None = None, *, finder: str = "*") -> CancelResponse:
         """Cancel one goal or all."""
-        return await asyncio.to_thread(lambda: self.client.cancel(goal_id, **options))
+        return await asyncio.to_thread(lambda: self.client.cancel(goal_id, finder=finder))
 
     async def select(self, patch: PointCloud2, camera: str = "kinect", *, timeout: float = 5.0) -> Plane:
         """The plane of a patch."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import threading
 import time
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypedDict, TypeVar, Unpack
 
 import numpy as np
 from pydantic import ValidationError
@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from zsight_protocol.action import CancelResponse
     from zsight_protocol.object_type import ObjectType
 
-__all__ = ["Catalog", "CellClient", "Cloud", "answer_of", "connect"]
+__all__ = ["Catalog", "CellClient", "Cloud", "FindOptions", "answer_of", "connect"]
 
 ALL = "*"
 
@@ -66,6 +66,27 @@ def connect(endpoint: str | None = None, *, namespace: str | None = None) -> Cel
     if endpoint is not None:
         network = network.on(endpoint)
     return CellClient(Bus(open_link(network), Keys(namespace or network.namespace)))
+
+
+class FindOptions(TypedDict, total=False):
+    """What a find may be asked beside the object type.
+
+    finder: which finder is asked; left out: the best match.
+    frame: frame of the answer; empty: the world where it is known, else the camera's.
+    known_height: height of the support surface along that frame's z, metres, where it is known.
+    region: only what lies inside, in that frame.
+    capture: the last cloud, or a new one.
+    maximum: most objects, 0 for all; 1 if not given.
+    timeout: seconds; 10 if not given.
+    """
+
+    finder: str
+    frame: str
+    known_height: float | None
+    region: Region | None
+    capture: Capture
+    maximum: int
+    timeout: float
 
 
 class Cloud(np.ndarray[Any, np.dtype[np.void]]):
@@ -112,28 +133,23 @@ class CellClient:
         """Leave the cell."""
         self.bus.close()
 
-    def start_find(
-        self,
-        object_type: str,
-        *,
-        finder: str = ANY_FINDER,
-        frame: str = "",
-        known_height: float | None = None,
-        region: Region | None = None,
-        capture: Capture = Capture.LAST,
-        maximum: int = 1,
-        timeout: float = 10.0,
-    ) -> GoalCall[FindObjectResult]:
-        """Send a goal and return at once: iterate over its updates, or wait for its result; see ``find``."""
+    def start_find(self, object_type: str, **options: Unpack[FindOptions]) -> GoalCall[FindObjectResult]:
+        """Send a goal and return at once: iterate over its updates, or wait for its result; see ``find``.
+
+        Raises:
+            UsageError: an option makes no sense.
+        """
+        finder = options.get("finder", ANY_FINDER)
+        timeout = options.get("timeout", 10.0)
         try:
             goal = FindObjectGoal(
                 goal_id=new_goal_id(),
                 object_type=object_type,
-                frame_id=frame,
-                known_height=known_height,
-                region=region,
-                capture=capture,
-                maximum=maximum,
+                frame_id=options.get("frame", ""),
+                known_height=options.get("known_height"),
+                region=options.get("region"),
+                capture=options.get("capture", Capture.LAST),
+                maximum=options.get("maximum", 1),
                 timeout=timeout,
             )
         except ValidationError as error:
@@ -146,29 +162,17 @@ class CellClient:
         self,
         object_type: str,
         *,
-        finder: str = ANY_FINDER,
-        frame: str = "",
-        known_height: float | None = None,
-        region: Region | None = None,
-        capture: Capture = Capture.LAST,
-        maximum: int = 1,
-        timeout: float = 10.0,
         on_update: Callable[[Update[FindObjectResult]], None] = lambda _: None,
         retry: bool = False,
+        **options: Unpack[FindOptions],
     ) -> FindObjectResult:
         """Find an object.
 
         Args:
             object_type: catalogue name, or the book's number as text.
-            finder: which finder is asked; left out: the best match.
-            frame: frame of the answer; empty: the world where it is known, else the camera's.
-            known_height: height of the support surface along that frame's z, metres, where it is known.
-            region: only what lies inside, in that frame.
-            capture: the last cloud, or a new one.
-            maximum: most objects; 0 for all.
-            timeout: seconds.
             on_update: called with every update.
             retry: ask another finder once where the first one dies or is busy.
+            options: see FindOptions.
 
         Returns:
             The answer: found, not_found or cannot_tell.
@@ -180,36 +184,19 @@ class CellClient:
             DeadlinePassed: no answer in time.
             NobodyAnswers: no finder of this name is there.
             ServerLost: it died or was cut off meanwhile.
+            UsageError: an option makes no sense.
         """
         started = time.monotonic()
-        call = self.start_find(
-            object_type,
-            finder=finder,
-            frame=frame,
-            known_height=known_height,
-            region=region,
-            capture=capture,
-            maximum=maximum,
-            timeout=timeout,
-        )
+        call = self.start_find(object_type, **options)
         try:
             return answer_of(call.wait(on_update))
         except (ServerLost, ServerBusy):
-            left = timeout - (time.monotonic() - started)
+            left = options.get("timeout", 10.0) - (time.monotonic() - started)
             others = [name for name in self.finders() if name != call.server] if retry and left > 0 else []
             if not others:
                 raise
-        return self.find(
-            object_type,
-            finder=others[0],
-            frame=frame,
-            known_height=known_height,
-            region=region,
-            capture=capture,
-            maximum=maximum,
-            timeout=left,
-            on_update=on_update,
-        )
+        again: FindOptions = {**options, "finder": others[0], "timeout": left}
+        return self.find(object_type, on_update=on_update, **again)
 
     def find_all(self, object_type: str, *, frame: str = "", timeout: float = 10.0) -> list[MergedObject]:
         """Ask every finder for all instances, and join what they say of the same physical object.
