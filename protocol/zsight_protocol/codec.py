@@ -23,6 +23,7 @@ __all__ = ["ALIGNMENT", "decode", "encode", "encode_parts"]
 
 ALIGNMENT = 16
 _HEAD_LIMIT = 64 * 1024  # bytes that the entries before a blob may take
+_USUAL_HEAD = 1024  # bytes that they do take
 
 M = TypeVar("M", bound="Message")
 
@@ -135,7 +136,14 @@ def _all_entries(view: memoryview) -> dict[str, Any]:
 
 
 def _entries_before_blob(view: memoryview) -> dict[str, Any]:
-    reader = _Reader(view[:_HEAD_LIMIT])
+    try:
+        return _entries_within(view, _USUAL_HEAD)
+    except msgpack.OutOfData:
+        return _entries_within(view, _HEAD_LIMIT)
+
+
+def _entries_within(view: memoryview, limit: int) -> dict[str, Any]:
+    reader = _Reader(view[:limit])
     entries: dict[str, Any] = {}
     size = reader.map_size()
     for index in range(size):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -31,25 +32,29 @@ _FORMATS = {
     Datatype.FLOAT32: "<f4",
     Datatype.FLOAT64: "<f8",
 }
+_AT_ONCE = 8192  # points that are looked at in one go
 _DATATYPES = {np.dtype(form): datatype for datatype, form in _FORMATS.items()}
 
 
 def points_of(cloud: PointCloud2) -> Points:
     """The points of a message, shape (height, width): a read-only view of its data, nothing is copied."""
+    points: Points = np.frombuffer(cloud.data, dtype=_dtype_of(cloud.fields, cloud.point_step))
+    return points.reshape(cloud.height, cloud.width)
+
+
+@lru_cache(maxsize=64)
+def _dtype_of(fields: tuple[PointField, ...], point_step: int) -> np.dtype[np.void]:
     formats: list[Any] = [
-        _FORMATS[field.datatype] if field.count == 1 else (_FORMATS[field.datatype], field.count)
-        for field in cloud.fields
+        _FORMATS[field.datatype] if field.count == 1 else (_FORMATS[field.datatype], field.count) for field in fields
     ]
-    dtype = np.dtype(
+    return np.dtype(
         {
-            "names": [field.name for field in cloud.fields],
+            "names": [field.name for field in fields],
             "formats": formats,
-            "offsets": [field.offset for field in cloud.fields],
-            "itemsize": cloud.point_step,
+            "offsets": [field.offset for field in fields],
+            "itemsize": point_step,
         }
     )
-    points: Points = np.frombuffer(cloud.data, dtype=dtype).reshape(cloud.height, cloud.width)
-    return points
 
 
 def cloud_from_points(points: Points, stamp: Time, frame_id: str) -> PointCloud2:
@@ -76,6 +81,7 @@ def cloud_from_points(points: Points, stamp: Time, frame_id: str) -> PointCloud2
     )
 
 
+@lru_cache(maxsize=64)
 def _fields_of(dtype: np.dtype[Any]) -> tuple[PointField, ...]:
     entries: dict[str, Any] = dict(dtype.fields or {})
     return tuple(_field(name, entry[0], entry[1]) for name, entry in entries.items())
@@ -90,7 +96,10 @@ def _field(name: str, dtype: np.dtype[Any], offset: int) -> PointField:
 
 
 def _is_dense(points: Points) -> bool:
-    return not any(np.isnan(points[axis]).any() for axis in "xyz" if axis in (points.dtype.names or ()))
+    """Row by row: most clouds of depth cameras show a hole in one of the first, and then the rest is not looked at."""
+    axes = [points[axis] for axis in "xyz" if axis in (points.dtype.names or ())]
+    rows, step = len(points), max(1, _AT_ONCE // max(points.shape[1], 1))
+    return not any(np.isnan(axis[row : row + step]).any() for row in range(0, rows, step) for axis in axes)
 
 
 def matrix_of(pose: Pose | Transform) -> NDArray[np.float64]:
