@@ -65,7 +65,7 @@ def cloud_from_points(points: Points, stamp: Time, frame_id: str) -> PointCloud2
     """
     if points.size == 0:
         raise UsageError("the cloud has no points; expected at least one: nothing can be published")
-    packed = np.ascontiguousarray(points)
+    packed = points if points.flags.c_contiguous else _side_by_side(points)
     height, width = packed.shape
     step = packed.dtype.itemsize
     return PointCloud2(
@@ -79,6 +79,14 @@ def cloud_from_points(points: Points, stamp: Time, frame_id: str) -> PointCloud2
         is_dense=_is_dense(packed),
         data=packed.reshape(-1).view(np.uint8).data,
     )
+
+
+def _side_by_side(points: Points) -> Points:
+    """A copy without strides; the gaps between its fields are zeros, not what was in memory before."""
+    packed = np.zeros(points.shape, points.dtype)
+    for name in points.dtype.names or ():
+        packed[name] = points[name]
+    return packed
 
 
 @lru_cache(maxsize=64)

@@ -29,7 +29,7 @@ from zsight_protocol.message import Header
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from zsight.bus import Bus, RawRequest
+    from zsight.bus import Bus, RawRequest, Reader
 
     Join = Callable[[], Bus]
     Handle = GoalHandle[FindObjectGoal, FindObjectResult]
@@ -79,8 +79,12 @@ class Bench:
         self.server_bus, self.client, self.watcher = join(), join(), join()
         self.feedback: Arrivals[Update[FindObjectResult]] = Arrivals()
         reader = self.watcher.reader(self.watcher.cell.feedback("finder"), Update[FindObjectResult])
-        threading.Thread(target=lambda: [self.feedback.add(update) for update in reader], daemon=True).start()
+        threading.Thread(target=self._watch, args=(reader,), daemon=True).start()
         self.server = ActionServer(self.server_bus, "finder", FindObjectGoal, self.work, policy)
+
+    def _watch(self, reader: Reader[Update[FindObjectResult]]) -> None:
+        for update in reader:
+            self.feedback.add(update)
 
     def send(
         self, goal_id: str | None = None, object_type: str = "cube", timeout: float = DEADLINE
@@ -131,7 +135,7 @@ def test_a_goal_is_accepted_executed_and_answered(bench: Bench) -> None:
 
 def test_watchers_see_each_goal_end_once_and_nothing_after(bench: Bench) -> None:
     bench.work.gate.set()
-    ids = [call.goal_id for call in [bench.send() for _ in range(3)] if call.wait()]
+    ids = []
     for _ in range(60):
         call = bench.send()
         call.wait()
