@@ -16,7 +16,7 @@ import typer
 from zsight.cli.options import Connect, Namespace, network_of
 from zsight.cli.output import say
 from zsight.cli.running import require_warm
-from zsight.errors import NobodyAnswers, UsageError, ZsightError
+from zsight.errors import ConnectionLost, NobodyAnswers, UsageError, ZsightError
 
 if TYPE_CHECKING:
     from zsight.cell_file import CellFile
@@ -54,7 +54,7 @@ def up(
     supervisor = Supervisor(table.processes, network, say=say, echo=not quiet)
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: supervisor.stopping.set())
-    with supervisor, _pid_file(network):
+    with _pid_file(network), supervisor:
         supervisor.wait_ready(60.0)
         if not supervisor.stopping.is_set():
             names = ", ".join(f"{child.entry.name} ({child.pid})" for child in supervisor.children)
@@ -71,7 +71,7 @@ def down(connect: Connect = None, namespace: Namespace = None) -> None:
     os.kill(pid, signal.SIGTERM)
     deadline = time.monotonic() + 5.0
     pause = threading.Event()
-    while _runs(pid):
+    while _is_held(path):
         if time.monotonic() > deadline:
             raise ZsightError(f"process {pid} does not stop within 5 s")
         pause.wait(0.02)
@@ -146,29 +146,24 @@ def _lock(file: IO[bytes]) -> bool:
 
 
 class _pid_file:  # noqa: N801  reads as the action it is
-    """Notes this process for ``zsight down`` while the cell is up."""
+    """Notes this process for ``zsight down`` until its cell is down."""
 
     def __init__(self, network: Network) -> None:
+        self._network = network
         self._path = _pid_path(network)
 
     def __enter__(self) -> None:
-        self._file = self._path.open("wb", buffering=0)
-        _lock(self._file)
+        self._file = self._path.open("ab", buffering=0)
+        if not _lock(self._file):
+            self._file.close()
+            cell = f"cell {self._network.namespace} on {self._network.connect[0]}"
+            raise ConnectionLost(f"{cell} is up already; stop it with: zsight down; or give --listen or --namespace")
+        self._file.truncate(0)
         self._file.write(str(os.getpid()).encode())
 
     def __exit__(self, *_: object) -> None:
         self._path.unlink(missing_ok=True)
         self._file.close()
-
-
-def _runs(pid: int) -> bool:
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    except PermissionError:
-        return True
-    return True
 
 
 def _detach() -> None:
