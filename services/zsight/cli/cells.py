@@ -47,10 +47,10 @@ def up(
     table = cell_file.read(file) if file is not None else cell_file.DEFAULT_TABLE
     if any(entry.service != "router" for entry in table.processes):
         require_warm()
-    if detach:
-        _detach()
-        return
     network = _network(table, connect, namespace, listen)
+    if detach:
+        _detach(network)
+        return
     supervisor = Supervisor(table.processes, network, say=say, echo=not quiet)
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: supervisor.stopping.set())
@@ -156,8 +156,7 @@ class _pid_file:  # noqa: N801  reads as the action it is
         self._file = self._path.open("ab", buffering=0)
         if not _lock(self._file):
             self._file.close()
-            cell = f"cell {self._network.namespace} on {self._network.connect[0]}"
-            raise ConnectionLost(f"{cell} is up already; stop it with: zsight down; or give --listen or --namespace")
+            raise _is_up(self._network)
         self._file.truncate(0)
         self._file.write(str(os.getpid()).encode())
 
@@ -166,14 +165,22 @@ class _pid_file:  # noqa: N801  reads as the action it is
         self._file.close()
 
 
-def _detach() -> None:
+def _is_up(network: Network) -> ConnectionLost:
+    cell = f"cell {network.namespace} on {network.connect[0]}"
+    return ConnectionLost(f"{cell} is up already; stop it with: zsight down; or give --listen or --namespace")
+
+
+def _detach(network: Network) -> None:
     """Start the same command in the background, and wait until its cell is up."""
     import subprocess
     import sys
-    import tempfile
 
+    path = _pid_path(network)
+    if _is_held(path):
+        raise _is_up(network)
     arguments = [argument for argument in sys.argv[1:] if argument not in ("-d", "--detach")]
-    with tempfile.NamedTemporaryFile(prefix="zsight-up-", suffix=".log", delete=False) as log:
+    path = path.with_suffix(".log")
+    with path.open("wb") as log:
         process = subprocess.Popen(
             [sys.executable, "-m", "zsight", *arguments],
             stdin=subprocess.DEVNULL,
@@ -184,16 +191,16 @@ def _detach() -> None:
     pause = threading.Event()
     try:
         while process.poll() is None:
-            if "\nup: " in "\n" + Path(log.name).read_text(encoding="utf-8", errors="replace"):
-                say(f"up as process {process.pid}, log in {log.name}; stop with: zsight down")
+            if "\nup: " in "\n" + path.read_text(encoding="utf-8", errors="replace"):
+                say(f"up as process {process.pid}, log in {path}; stop with: zsight down")
                 return
             pause.wait(0.05)
     except KeyboardInterrupt:
         process.terminate()
         process.wait()
         raise
-    words = Path(log.name).read_text(encoding="utf-8", errors="replace").strip().splitlines()
-    Path(log.name).unlink()
+    words = path.read_text(encoding="utf-8", errors="replace").strip().splitlines()
+    path.unlink()
     last = "\n".join(words[-8:]).removeprefix("zsight: ")
     kind = UsageError if process.returncode == UsageError.exit_code else NobodyAnswers
     raise kind(last if len(words) == 1 else f"the cell did not come up; its last words:\n{last}")
