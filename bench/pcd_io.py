@@ -64,18 +64,22 @@ def main(program: str, *clouds: str) -> None:
 def measure(pcl: Pcl, cloud: Path, folder: Path) -> None:
     points = plain(pcd.read(cloud).points)
     for encoding in ENCODINGS:
-        ours, theirs = folder / f"ours-{encoding}.pcd", folder / f"pcl-{encoding}.pcd"
-        pcd.write(ours, points, encoding=encoding)
-        pcl.ask("load", ours)
-        pcl.ask("save", encoding, theirs)
-        alike = same(pcl.load(ours, folder), points) and same(plain(pcd.read(theirs).points), pcl.load(theirs, folder))
-        row(cloud, f"load {encoding}", turns(lambda: pcl.ask("load", ours), lambda: timed(lambda: pcd.read(ours))), alike)
-        fresh = folder / "fresh.pcd"
-        pairs = turns(
-            lambda: gone(fresh, lambda: pcl.ask("save", encoding, fresh)),
-            lambda: gone(fresh, lambda: timed(lambda: pcd.write(fresh, points, encoding=encoding))),
-        )
-        row(cloud, f"save {encoding}", pairs, alike)
+        measure_encoding(pcl, cloud.name, points, encoding, folder)
+
+
+def measure_encoding(pcl: Pcl, name: str, points: Points, encoding: pcd.Encoding, folder: Path) -> None:
+    ours, theirs, fresh = (folder / f"{who}-{encoding}.pcd" for who in ("ours", "pcl", "fresh"))
+    pcd.write(ours, points, encoding=encoding)
+    pcl.ask("load", ours)
+    pcl.ask("save", encoding, theirs)
+    alike = same(pcl.load(ours, folder), points) and same(plain(pcd.read(theirs).points), pcl.load(theirs, folder))
+    loads = turns(lambda: pcl.ask("load", ours), lambda: timed(lambda: pcd.read(ours)))
+    saves = turns(
+        lambda: gone(fresh, lambda: pcl.ask("save", encoding, fresh)),
+        lambda: gone(fresh, lambda: timed(lambda: pcd.write(fresh, points, encoding=encoding))),
+    )
+    row(name, f"load {encoding}", loads, alike)
+    row(name, f"save {encoding}", saves, alike)
 
 
 def plain(points: Points) -> Points:
@@ -110,10 +114,10 @@ def gone(path: Path, task: Callable[[], float]) -> float:
     return took
 
 
-def row(cloud: Path, task: str, pairs: list[tuple[float, float]], alike: bool) -> None:
+def row(cloud: str, task: str, pairs: list[tuple[float, float]], alike: bool) -> None:
     theirs, ours = (statistics.median(column) for column in zip(*pairs, strict=True))
     ratio = statistics.median(their / our for their, our in pairs)
-    print(f"{cloud.name:38} {task:24} {theirs:8.2f} {ours:8.2f} {ratio:6.2f}   {'yes' if alike else 'NO'}")
+    print(f"{cloud:38} {task:24} {theirs:8.2f} {ours:8.2f} {ratio:6.2f}   {'yes' if alike else 'NO'}")
 
 
 if __name__ == "__main__":

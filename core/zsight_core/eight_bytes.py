@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numba import njit
@@ -17,7 +17,7 @@ _8, _16, _24, _32, _40, _48, _56 = (np.uint64(8 * k) for k in range(1, 8))
 
 
 @njit(cache=True, nogil=True)
-def load(data: NDArray[np.uint8], at: int | np.uint64) -> np.uint64:
+def load(data: NDArray[np.uint8], at: int | np.integer[Any]) -> np.uint64:
     """The bytes ``at`` .. ``at + 7``, the first one lowest. Unsigned places, or numba would look for negative ones."""
     i = np.uint64(at)
     low = np.uint64(data[i]) | np.uint64(data[i + _1]) << _8 | np.uint64(data[i + _2]) << _16
@@ -26,7 +26,7 @@ def load(data: NDArray[np.uint8], at: int | np.uint64) -> np.uint64:
 
 
 @njit(cache=True, nogil=True)
-def store(data: NDArray[np.uint8], at: int | np.uint64, value: np.uint64) -> None:
+def store(data: NDArray[np.uint8], at: int | np.integer[Any], value: np.uint64) -> None:
     """Write the bytes ``at`` .. ``at + 7``, the lowest one first."""
     i = np.uint64(at)
     data[i] = np.uint8(value)

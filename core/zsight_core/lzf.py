@@ -80,8 +80,22 @@ def _decompress(stream: NDArray[np.uint8], data: NDArray[np.uint8]) -> int:
         at += 1
         if distance > out:
             return -1
-        _repeat_ahead(data, out, distance, length)
-        out += length
+        end = out + length  # up to seven bytes more are written, which is overwritten later
+        if distance >= 8:
+            while out < end:
+                store(data, out, load(data, out - distance))
+                out += 8
+        elif distance == 4:  # the same float32 again and again, such as the NaN of holes
+            value = load(data, out - 4) & np.uint64(0xFFFFFFFF)
+            value |= value << np.uint64(32)
+            while out < end:
+                store(data, out, value)
+                out += 8
+        else:
+            while out < end:
+                data[np.uint64(out)] = data[np.uint64(out - distance)]
+                out += 1
+        out = end
     return _decompress_end(stream, at, data, out)
 
 
@@ -93,23 +107,6 @@ def _copy_ahead(source: NDArray[np.uint8], at: int, target: NDArray[np.uint8], o
     while done < count:
         store(target, out + done, load(source, at + done))
         done += 8
-
-
-@njit(cache=True, nogil=True)
-def _repeat_ahead(data: NDArray[np.uint8], out: int, distance: int, length: int) -> None:
-    """Repeat what lies ``distance`` back, at least ``length`` bytes, up to seven more."""
-    if distance >= 8:
-        _copy_ahead(data, out - distance, data, out, length)
-    elif distance == 4:  # the same float32 again and again, such as the NaN of holes
-        value = load(data, out - 4) & np.uint64(0xFFFFFFFF)
-        value |= value << np.uint64(32)
-        done = 0
-        while done < length:
-            store(data, out + done, value)
-            done += 8
-    else:
-        for k in range(out, out + length):
-            data[np.uint64(k)] = data[np.uint64(k - distance)]
 
 
 @njit(cache=True, nogil=True)

@@ -127,8 +127,9 @@ def _read_ascii(file: BufferedReader, header: Header, size: int, path: AnyPath) 
 
     columns = _columns(header)
     require_size(size, number_rows.least_bytes(header.count, len(columns)), path)
-    text = np.full(size + number_rows.TAIL, ord("\n"), np.uint8)
+    text = np.empty(size + number_rows.TAIL, np.uint8)
     fill(file, text[:size], path)
+    text[size:] = ord("\n")
     points = np.zeros(header.count, header.dtype)
     records = points.view(np.uint8).reshape(header.count, header.record_size)
     try:

@@ -211,8 +211,9 @@ def _read_ascii(file: BufferedReader, header: _Header, size: int, path: AnyPath)
     vertex = header.vertex
     lines_before = sum(element.count for element in header.before)
     require_size(size, 2 * lines_before + number_rows.least_bytes(vertex.count, len(vertex.properties)), path)
-    text = np.full(size + number_rows.TAIL, ord("\n"), np.uint8)
+    text = np.empty(size + number_rows.TAIL, np.uint8)
     fill(file, text[:size], path)
+    text[size:] = ord("\n")
     records = np.zeros(vertex.count, _dtype(vertex))
     cells = records.view(np.uint8).reshape(vertex.count, records.dtype.itemsize)
     rows = text[_after_lines(text, size, lines_before, path) :]
