@@ -91,10 +91,10 @@ class ObjectType(Message):
 
 
 class CatalogRequest(Message):
-    """What to do with the catalogue: get or list (no type given), put, delete."""
+    """What to do with the catalogue: get or list (no type given), put, delete; a type by its name or its number."""
 
     action: Annotated[str, StringConstraints(pattern=r"^(list|get|put|delete)$")]
-    name: TypeName | None = None
+    name: Annotated[str, StringConstraints(pattern=r"^([a-z][a-z0-9_]{0,63}|[0-9]{1,10})$")] | None = None
     type: ObjectType | None = None
 
 

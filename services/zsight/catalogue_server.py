@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import yaml
 
 from zsight.errors import UsageError
+from zsight.object_catalogue import Catalogue
 from zsight_core.errors import CoreError
 from zsight_protocol.codec import decode, encode
 from zsight_protocol.errors import ProtocolError
@@ -18,7 +19,6 @@ from zsight_protocol.object_type import CatalogAnswer, CatalogRequest
 if TYPE_CHECKING:
     from zsight.bus import Bus, RawRequest
     from zsight.bus.link import Closable
-    from zsight.object_catalogue import Catalogue
     from zsight_protocol.object_type import ObjectType
 
 __all__ = ["answer", "serve_catalogue"]
@@ -66,9 +66,11 @@ def _put(kind: ObjectType | None, catalogue: Catalogue, folder: Path | None) -> 
         raise UsageError("no type was given with put; expected one")
     if kind.shape.mesh is not None and (folder is None or not (folder / kind.shape.mesh.file).is_file()):
         raise UsageError(f"mesh {kind.shape.mesh.file} is not in the finder's catalogue folder: copy it there first")
+    trial = Catalogue()
+    trial.add(kind, folder or Path())
+    trial.model(kind.name)  # a mesh that cannot be read is not taken in
     known = kind.name in catalogue.types
     catalogue.add(kind, folder or Path())
-    catalogue.model(kind.name)
     if folder is not None:
         _keep(kind, folder)
     kept = f"in {folder.name}" if folder is not None else "until the finder stops (it has no catalogue folder)"

@@ -73,21 +73,35 @@ def read(path: Path) -> CellFile:
     if not isinstance(processes, dict) or not processes:
         raise UsageError(f"{path}: no [process.NAME] table; expected one for each process")
     try:
-        table = tuple(_entry(name, settings) for name, settings in processes.items())
-    except UsageError as error:
+        return CellFile(
+            tuple(_entry(name, settings) for name, settings in processes.items()),
+            _namespace(entries.get("namespace")),
+            _endpoints("connect", entries.get("connect")),
+            _endpoints("listen", entries.get("listen")),
+        )
+    except (UsageError, KeyNameError) as error:
         raise UsageError(f"{path}: {error}") from None
-    return CellFile(
-        table, entries.get("namespace"), _endpoints(entries.get("connect")), _endpoints(entries.get("listen"))
-    )
 
 
 def _entry(name: str, settings: Any) -> ProcessEntry:
     if not isinstance(settings, dict):
         raise UsageError(f"process {name} is {settings!r}; expected a table of settings")
-    return ProcessEntry(name, settings.get("service", name), {k: v for k, v in settings.items() if k != "service"})
+    wanted = settings.get("service", name)
+    if not isinstance(wanted, str):
+        raise UsageError(f"service of process {name} is {wanted!r}; expected a name")
+    return ProcessEntry(name, wanted, {k: v for k, v in settings.items() if k != "service"})
 
 
-def _endpoints(value: Any) -> tuple[str, ...] | None:
+def _namespace(value: Any) -> str | None:
+    if value is not None and not isinstance(value, str):
+        raise UsageError(f"namespace is {value!r}; expected a name")
+    return None if value is None else require_name(value, "namespace")
+
+
+def _endpoints(what: str, value: Any) -> tuple[str, ...] | None:
     if value is None:
         return None
-    return (value,) if isinstance(value, str) else tuple(str(part) for part in value)
+    endpoints = [value] if isinstance(value, str) else value
+    if not isinstance(endpoints, list) or not endpoints or not all(isinstance(part, str) for part in endpoints):
+        raise UsageError(f"{what} is {value!r}; expected an endpoint such as 'tcp/192.0.2.7:7447', or a list of them")
+    return tuple(endpoints)

@@ -288,7 +288,7 @@ class Catalog:
         Raises:
             RequestRefused: it is not known.
         """
-        return self._ask(CatalogRequest(action="get", name=name), name).types[0]
+        return self._ask(_about("get", name), name).types[0]
 
     def add(self, kind: ObjectType) -> str:
         """Add a type, or change the one of its name; what the finder says."""
@@ -296,7 +296,7 @@ class Catalog:
 
     def remove(self, name: str) -> str:
         """Remove a type; what the finder says."""
-        return self._ask(CatalogRequest(action="delete", name=name), name).message
+        return self._ask(_about("delete", name), name).message
 
     def _ask(self, request: CatalogRequest, name: str) -> CatalogAnswer:
         answers = _ask(self._bus, self._bus.cell.catalog(name), request, CatalogAnswer, everyone=False)
@@ -305,6 +305,14 @@ class Catalog:
         if not answers[0].ok:
             raise RequestRefused(answers[0].message)
         return answers[0]
+
+
+def _about(action: str, name: str) -> CatalogRequest:
+    try:
+        return CatalogRequest(action=action, name=name)
+    except ValidationError:
+        expected = "expected lower-case letters, digits and '_', such as toy_block, or a number of the book"
+        raise UsageError(f"no type can be called {name!r}; {expected}") from None
 
 
 M = TypeVar("M", bound=Message)

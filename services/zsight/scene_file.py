@@ -36,6 +36,12 @@ class Step(Message):
     rpy: Tuple3 | None = None
     orientation: Tuple4 | None = None
 
+    @model_validator(mode="after")
+    def _require_rotation(self) -> Self:
+        if self.orientation is not None and abs(float(np.linalg.norm(self.orientation)) - 1) > 1e-3:
+            raise ValueError(f"orientation {self.orientation} is no unit quaternion x y z w")
+        return self
+
     @property
     def T_parent_child(self) -> NDArray[np.float64]:
         """The step as a matrix (4, 4)."""

@@ -1,0 +1,124 @@
+"""Types are listed, added, changed and removed over the network."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+
+from zsight.catalogue_server import serve_catalogue
+from zsight.client import Catalog
+from zsight.errors import NobodyAnswers, RequestRefused, UsageError
+from zsight.object_catalogue import load, read_type, shipped_folder
+from zsight_core.model import Box
+from zsight_protocol.errors import ProtocolError
+from zsight_protocol.object_type import BoxShape, MeshShape, ObjectType, ShapeOf
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from zsight.bus import Bus
+    from zsight.object_catalogue import Catalogue
+
+CRATE = ObjectType(name="crate", code=77, shape=ShapeOf(box=BoxShape(size=(0.3, 0.2, 0.1))), notes="Fraß, 壊れ物")
+
+
+@pytest.fixture
+def known() -> Catalogue:
+    return load(shipped_folder())
+
+
+@pytest.fixture
+def catalog(join_memory: Callable[[], Bus], known: Catalogue, tmp_path: Path) -> Catalog:
+    """A client of a finder that keeps its types in a folder."""
+    serve_catalogue(join_memory(), known, tmp_path)
+    return Catalog(join_memory())
+
+
+def test_all_types_are_listed_by_name(catalog: Catalog, known: Catalogue) -> None:
+    assert catalog.list() == [known.types[name] for name in sorted(known.types)]
+
+
+@pytest.mark.parametrize("name", ["toy_block", "1000"])
+def test_one_type_by_name_or_number(catalog: Catalog, name: str) -> None:
+    assert catalog.get(name).name == "toy_block"
+
+
+def test_an_unknown_type_is_refused_with_the_nearest_name(catalog: Catalog) -> None:
+    for ask in (catalog.get, catalog.remove):
+        with pytest.raises(RequestRefused, match="did you mean toy_block"):
+            ask("toy_blok")
+
+
+@pytest.mark.parametrize("name", ["", "Toy Block", "a/b", "*", "**", "x" * 200])
+def test_a_name_that_none_can_have_is_refused(catalog: Catalog, name: str) -> None:
+    with pytest.raises((UsageError, RequestRefused, ProtocolError)):
+        catalog.get(name)
+
+
+def test_an_added_type_is_known_kept_and_survives(catalog: Catalog, known: Catalogue, tmp_path: Path) -> None:
+    assert catalog.add(CRATE) == f"added crate, kept in {tmp_path.name}"
+    assert catalog.get("77") == CRATE
+    assert known.model("crate").shape == Box((0.3, 0.2, 0.1))
+    assert read_type(tmp_path / "crate.yaml") == CRATE
+    assert load(shipped_folder(), tmp_path).resolve("crate") == CRATE
+    assert [path.name for path in tmp_path.iterdir()] == ["crate.yaml"]
+
+
+def test_a_changed_type_is_another(catalog: Catalog, tmp_path: Path) -> None:
+    catalog.add(CRATE)
+    changed = CRATE.model_copy(update={"notes": "Sturdy."})
+    assert catalog.add(changed).startswith("changed crate")
+    assert catalog.get("crate") == read_type(tmp_path / "crate.yaml") == changed
+
+
+def test_a_removed_type_is_gone(catalog: Catalog, tmp_path: Path) -> None:
+    catalog.add(CRATE)
+    assert catalog.remove("crate") == "removed crate"
+    with pytest.raises(RequestRefused):
+        catalog.get("crate")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_mesh_must_be_there(catalog: Catalog, known: Catalogue) -> None:
+    part = ObjectType(name="part", shape=ShapeOf(mesh=MeshShape(file="part.stl")))
+    with pytest.raises(RequestRefused, match=r"part.stl is not in the finder's catalogue folder"):
+        catalog.add(part)
+    assert "part" not in known.types
+
+
+def test_a_bad_mesh_leaves_everything_as_it_was(catalog: Catalog, known: Catalogue, tmp_path: Path) -> None:
+    (tmp_path / "crate.stl").write_bytes(b"this is no mesh")
+    catalog.add(CRATE)
+    bad = ObjectType(name="crate", shape=ShapeOf(mesh=MeshShape(file="crate.stl")))
+    with pytest.raises(RequestRefused, match=r"crate.stl"):
+        catalog.add(bad)
+    assert catalog.get("crate") == CRATE
+    assert known.model("crate").shape == Box((0.3, 0.2, 0.1))
+    assert len(known.models()) == len(known.types)
+    with pytest.raises(RequestRefused):
+        catalog.add(ObjectType(name="other", shape=bad.shape))
+    assert len(known.models()) == len(known.types)
+
+
+def test_without_a_folder_a_type_is_kept_until_the_end(join_memory: Callable[[], Bus], known: Catalogue) -> None:
+    serve_catalogue(join_memory(), known, None)
+    catalog = Catalog(join_memory())
+    assert "until the finder stops" in catalog.add(CRATE)
+    assert catalog.get("crate") == CRATE
+    with pytest.raises(RequestRefused, match="catalogue folder"):
+        catalog.add(ObjectType(name="part", shape=ShapeOf(mesh=MeshShape(file="part.stl"))))
+
+
+def test_bad_bytes_are_answered(join_memory: Callable[[], Bus], known: Catalogue) -> None:
+    server, client = join_memory(), join_memory()
+    serve_catalogue(server, known, None)
+    reply = client.ask(client.cell.catalog("*"), b"\xc1", 1.0).take(1.0)
+    assert reply is not None
+    assert b"not a CatalogRequest" in reply
+
+
+def test_nobody_serves_a_catalogue(join_memory: Callable[[], Bus]) -> None:
+    with pytest.raises(NobodyAnswers, match="zsight up"):
+        Catalog(join_memory()).list()
