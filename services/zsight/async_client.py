@@ -64,7 +64,7 @@ class AsyncCellClient:
         """Cancel one goal or all."""
         return await asyncio.to_thread(lambda: self.client.cancel(goal_id, finder=finder))
 
-    async def select(self, patch: PointCloud2, camera: str = "kinect", *, timeout: float = 5.0) -> Plane:
+    async def select(self, patch: Cloud | PointCloud2, camera: str = "kinect", *, timeout: float = 5.0) -> Plane:
         """The plane of a patch."""
         return await asyncio.to_thread(lambda: self.client.select(patch, camera, timeout=timeout))
 

@@ -15,7 +15,7 @@ from zsight.action_client import cancel as cancel_goal
 from zsight.beats import ask_health
 from zsight.bus import Bus
 from zsight.bus.zenoh_link import open_link
-from zsight.convert import points_of
+from zsight.convert import cloud_from_points, points_of
 from zsight.errors import (
     DeadlinePassed,
     GoalCancelled,
@@ -35,7 +35,7 @@ from zsight_protocol.codec import decode, encode
 from zsight_protocol.errors import DecodeError
 from zsight_protocol.find_object import Capture, FindObjectGoal, FindObjectResult, ResultCode
 from zsight_protocol.geometry import Plane, Region
-from zsight_protocol.message import Message
+from zsight_protocol.message import Message, Time
 from zsight_protocol.object_type import CatalogAnswer, CatalogRequest
 from zsight_protocol.point_cloud import PointCloud2
 
@@ -106,6 +106,15 @@ class Cloud(np.ndarray[Any, np.dtype[np.void]]):
         cloud = points_of(message).view(cls)
         cloud.stamp_ns, cloud.frame_id = message.header.stamp.ns, message.header.frame_id
         return cloud
+
+    def message(self) -> PointCloud2:
+        """The same points as a message; of a selection ``cloud[mask]``, which has no rows, a single row.
+
+        Raises:
+            UsageError: there are no points.
+        """
+        points = np.atleast_2d(np.asarray(self))
+        return cloud_from_points(points, Time.from_ns(self.stamp_ns), self.frame_id)
 
     def __array_finalize__(self, source: object) -> None:
         """Slices keep the stamp and the frame."""
@@ -252,8 +261,13 @@ class CellClient:
             while (received := reader.take(timeout)) is not None:
                 yield Cloud.of(received.message)
 
-    def select(self, patch: PointCloud2, camera: str = "kinect", *, timeout: float = 5.0) -> Plane:
+    def select(self, patch: Cloud | PointCloud2, camera: str = "kinect", *, timeout: float = 5.0) -> Plane:
         """The plane of a patch of a camera's cloud, found by the planes service.
+
+        Args:
+            patch: points of one of its clouds, such as ``cloud[v0:v1, u0:u1]``.
+            camera: whose cloud it is.
+            timeout: seconds.
 
         Raises:
             NobodyAnswers: no planes service reads the patches.
@@ -263,7 +277,7 @@ class CellClient:
             writer = self.bus.writer(self.bus.cell.selected_points(camera), PointCloud2)
             if not _soon(writer.has_readers, timeout):
                 raise NobodyAnswers(f"nobody reads {self.bus.cell.selected_points(camera)}: start the planes service")
-            writer.send(patch)
+            writer.send(patch.message() if isinstance(patch, Cloud) else patch)
             received = planes.take(timeout)
             writer.close()
         if received is None:
