@@ -30,6 +30,9 @@ MOST = 400
 SLACK = 0.002
 """Metres in depth, besides two and a half standard deviations of noise, that are still the same surface."""
 
+BLUR = 5.0
+"""Pixels over which a sensor's matching window carries depth across an image."""
+
 STEEPEST = 2.0
 """Slope of depth beyond which a face is seen so edge-on that it is not followed outside of its outline."""
 
@@ -122,8 +125,10 @@ def scan(  # noqa: C901  one compiled loop over pixels; splitting it would pass 
             slope = A * mx / fx + B * my / fy  # of 1 / z along the outward direction, a pixel
             slope = min(max(slope, -STEEPEST * we / fx), STEEPEST * we / fx)
             if ground[3] != 0 and facing / ground[3] > we + reach * slope - 1.5 * tolerance:
-                m[0], m[1] = 3, 0.0
+                count -= 1
                 continue
+            # on a curved side the sensor blurs: pixels at the outline read what is some pixels inside
+            blurred = max(we, _drawn(w, region, us - BLUR * mx, vs - BLUR * my))
             last_on, first_off, seen_near, seen_far, unknown, gap = -99.0, 99.0, 0, 0, 0, 0
             for k in range(-reach, reach + 1):
                 u, v = int(np.floor(us + k * mx + 0.5)), int(np.floor(vs + k * my + 0.5))
@@ -136,7 +141,7 @@ def scan(  # noqa: C901  one compiled loop over pixels; splitting it would pass 
                 if expected == 0.0:
                     expected = we + place * slope
                 off = 1.0 / depth[v, u] - expected
-                if abs(off) <= tolerance:
+                if -tolerance <= off <= tolerance + max(0.0, blurred - expected):
                     if first_off == 99.0 or place < first_off:
                         last_on = max(last_on, place)
                     gap = 0

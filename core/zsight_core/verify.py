@@ -50,6 +50,8 @@ class Evidence(NamedTuple):
     """Metres; how far it is before the solid's, likewise; something that touches the solid in front does that too."""
     offset: float
     """Pixels; root mean square distance between drawn and measured outline."""
+    bias: float
+    """Pixels; how far the measured outline is outside of the drawn one on average: what stands there is larger."""
 
     @property
     def visible(self) -> float:
@@ -155,8 +157,8 @@ def _count_many(
     most: int,
     tolerance: float,
 ) -> NDArray[np.float64]:
-    """The numbers of Evidence (N, 14)."""
-    counts = np.empty((len(bases), 14))
+    """The numbers of Evidence (N, 15)."""
+    counts = np.empty((len(bases), 15))
     for i in range(len(bases)):
         T_optical_support = T_optical_supports[supports[i]]
         T = T_optical_support @ T_support_models[i]
@@ -180,8 +182,8 @@ def _count(  # noqa: C901  one compiled loop over pixels; splitting it would pas
     most: int,
     tolerance: float,
 ) -> NDArray[np.float64]:
-    """The numbers of Evidence (14,)."""
-    counts = np.zeros(14)
+    """The numbers of Evidence (15,)."""
+    counts = np.zeros(15)
     height, width = depth.shape
     placed = place(T_optical_model, vertices)
     region = region_of(placed, pinhole, most)
@@ -258,7 +260,7 @@ def _count(  # noqa: C901  one compiled loop over pixels; splitting it would pas
     ground[:3] = T_optical_support[:3, 2]
     ground[3] = (T_optical_support[:3, 2] * T_optical_support[:3, 3]).sum() + base
     samples = scan(depth, pinhole, placed, faces, edges, planes, w, region, ground, noise, 4)
-    off, measured = 0.0, 0
+    off, out, measured = 0.0, 0.0, 0
     for s in range(len(samples)):
         state = int(samples[s, 0])
         if state in (0, 5):
@@ -266,6 +268,7 @@ def _count(  # noqa: C901  one compiled loop over pixels; splitting it would pas
         if state == 0:
             measured += 1
             off += samples[s, 1] ** 2
+            out += samples[s, 1]
         elif state == 1:
             counts[8] += 1
         elif state == 4:
@@ -273,6 +276,7 @@ def _count(  # noqa: C901  one compiled loop over pixels; splitting it would pas
         elif state != 5:
             counts[10] += 1
     counts[13] = np.sqrt(off / max(measured, 1))
+    counts[14] = out / max(measured, 1)
     for k in range(7):
         counts[k] *= step * step
     return counts
