@@ -22,7 +22,7 @@ __all__ = ["SUFFIXES", "LoadedCloud", "list_clouds", "natural_order", "read"]
 SUFFIXES = (".pcd", ".ply")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)  # arrays do not compare to one truth value
 class LoadedCloud:
     """A cloud ready for use.
 

@@ -25,7 +25,7 @@ Encoding = Literal["ascii", "binary", "binary_compressed"]
 _LARGEST_COMPRESSED = 4_000_000_000  # sizes have 32 bits, and what does not compress grows by 1/32
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)  # arrays do not compare to one truth value
 class PcdFile:
     """A cloud as its file has it.
 

@@ -50,7 +50,7 @@ _MOST_LINES = 4096
 _MOST_VERTICES = (1 << 32) - 1
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)  # arrays do not compare to one truth value
 class PlyFile:
     """A cloud as its file has it.
 

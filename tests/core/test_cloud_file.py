@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -69,3 +71,16 @@ def test_a_folder_is_listed_in_natural_order(tmp_path: Path) -> None:
 def test_a_folder_that_is_not_there_is_a_clear_error(tmp_path: Path) -> None:
     with pytest.raises(FileError, match="cannot be listed"):
         cloud_file.list_clouds(tmp_path / "nowhere")
+
+
+def test_binary_files_take_no_numba(tmp_path: Path) -> None:
+    code = (
+        "import sys; sys.modules['numba'] = None\n"
+        "from zsight_core import cloud_file, pcd, ply\n"
+        "from zsight_core.ellipse import ellipse\n"
+        f"folder = {str(tmp_path)!r}\n"
+        "pcd.write(f'{folder}/a.pcd', ellipse()); ply.write(f'{folder}/a.ply', ellipse())\n"
+        "print(*(cloud_file.read(path).points.size for path in cloud_file.list_clouds(folder)))"
+    )
+    answer = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60)
+    assert answer.stdout.split() == ["2920", "2920"]
