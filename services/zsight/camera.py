@@ -42,7 +42,9 @@ class Settings(ServiceSettings):
     )
     loop: bool = Field(True, description="begin again after the last file; otherwise stop there")
     frame: str = Field("", description="frame of clouds from files; CAMERA_optical_frame if not given")
-    pose: str = Field("", description="x y z qx qy qz qw of that frame in the world, metres, where it is known")
+    pose: str = Field(
+        "", description="x y z qx qy qz qw of that frame in the world, metres, where known; viewpoint: the .pcd file's"
+    )
     world_frame: str = Field("world", description="name of the world's frame for such a pose")
     seed: int | None = Field(None, ge=0, description="seed of a scene's noise; the scene's own if not given")
 
@@ -74,7 +76,7 @@ def _stream(source: Source, *, loop: bool) -> Iterator[Points]:
                 points = next(clouds, None)
             except FileError as error:
                 log.warning("passed over: %s", error)
-                break
+                continue
             if points is None:
                 break
             if points.size == 0:
@@ -92,5 +94,6 @@ def _paced(clouds: Iterator[Points], rate: float, bus: Bus) -> Iterator[Points]:
     for points in clouds:
         if bus.stopping.wait(max(due - time.monotonic(), 0.0)):
             return
+        now = time.monotonic()
+        due = (due if now - due < 1 / rate else now) + 1 / rate
         yield points
-        due = max(due + 1 / rate, time.monotonic())

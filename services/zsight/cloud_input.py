@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from zsight.errors import UsageError
-from zsight.sources import pose_matrix
-from zsight_core import cloud_file, depth_camera, pcd, ply, rgbd, transform
+from zsight.sources import pose_matrix, viewpoint_matrix
+from zsight_core import cloud_file, depth_camera, pcd, ply, rgbd
 from zsight_core.cloud_file import LoadedCloud
 
 if TYPE_CHECKING:
@@ -51,8 +51,7 @@ def camera_pose(text: str, cloud: LoadedCloud) -> NDArray[np.float64] | None:
         UsageError: the text is something else.
     """
     if text == "viewpoint":
-        x, y, z, qw, qx, qy, qz = cloud.viewpoint
-        return transform.from_quaternion((x, y, z), (qx, qy, qz, qw))
+        return viewpoint_matrix(cloud.viewpoint)
     return pose_matrix(text) if text else None
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,7 +12,7 @@ from zsight import object_catalogue, scene_file
 from zsight.convert import stamped
 from zsight.errors import UsageError
 from zsight_core import cloud_file, depth_camera, rgbd, transform
-from zsight_core.errors import CoreError
+from zsight_core.errors import CoreError, FileError
 from zsight_core.points import is_organised
 from zsight_protocol.camera_info import CameraInfo
 from zsight_protocol.geometry import TransformList
@@ -22,10 +24,12 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from zsight_core.cloud_file import LoadedCloud
+    from zsight_core.pcd_header import Viewpoint
     from zsight_core.pinhole import Pinhole
     from zsight_core.points import Points
 
-__all__ = ["Source", "camera_info", "open_source", "pose_matrix"]
+__all__ = ["Source", "camera_info", "open_source", "pose_matrix", "viewpoint_matrix"]
 
 _CLOUDS = (".pcd", ".ply")
 _LARGEST_RESIDUAL = 0.5  # pixels; a cloud that fits a pinhole worse was not measured by one
@@ -35,7 +39,8 @@ _LARGEST_RESIDUAL = 0.5  # pixels; a cloud that fits a pinhole worse was not mea
 class Source:
     """A stream of clouds and what is known of the camera that measures it.
 
-    ``clouds`` starts the stream: an iterator that ends with the last cloud, or never.
+    ``clouds`` starts the stream: an iterator that ends with the last cloud, or never. It raises FileError in the place
+    of a file that cannot be read, and goes on behind it.
     """
 
     frame_id: str
@@ -53,7 +58,8 @@ def open_source(
     Args:
         name: ``ellipse``; a scene's name or .yaml file; a .pcd or .ply file; a folder of such files, or of RGB-D pairs.
         frame: frame of clouds from files.
-        pose: "x y z qx qy qz qw" of that frame in the world, where it is known.
+        pose: "x y z qx qy qz qw" of that frame in the world, where it is known, or "viewpoint": the one in the first
+            .pcd file.
         world_frame: name of the world's frame for such a pose.
         seed: of a scene's noise, in place of the one in its file.
 
@@ -63,17 +69,26 @@ def open_source(
     path = Path(name).expanduser()
     if name == "ellipse":
         return Source(frame, 1.0, _ellipses, _pose(pose, frame, world_frame))
+    files = cloud_file.list_clouds(path) if path.is_dir() else [path] if path.suffix.lower() in _CLOUDS else []
+    if files:
+        first = _first_readable(files)
+        return _files(files, first, frame, _pose(pose, frame, world_frame, first.viewpoint))
     if path.is_dir():
-        return _folder(path, frame, _pose(pose, frame, world_frame))
-    if path.suffix.lower() in _CLOUDS:
-        return _files([path], frame, _pose(pose, frame, world_frame))
+        return _pairs(path, frame, _pose(pose, frame, world_frame))
     return _scene(name, seed)
 
 
-def _pose(pose: str, frame: str, world_frame: str) -> TransformList | None:
+def _pose(pose: str, frame: str, world_frame: str, viewpoint: Viewpoint | None = None) -> TransformList | None:
     if not pose:
         return None
-    return TransformList(transforms=(stamped(pose_matrix(pose), world_frame, frame, Time.now()),))
+    T_world_frame = viewpoint_matrix(viewpoint) if pose == "viewpoint" and viewpoint else pose_matrix(pose)
+    return TransformList(transforms=(stamped(T_world_frame, world_frame, frame, Time.now()),))
+
+
+def viewpoint_matrix(viewpoint: Viewpoint) -> NDArray[np.float64]:
+    """T_world_camera (4, 4) of a PCD file's viewpoint x y z qw qx qy qz."""
+    x, y, z, qw, qx, qy, qz = viewpoint
+    return transform.from_quaternion((x, y, z), (qx, qy, qz, qw))
 
 
 def pose_matrix(text: str) -> NDArray[np.float64]:
@@ -86,6 +101,8 @@ def pose_matrix(text: str) -> NDArray[np.float64]:
         numbers = [float(part) for part in text.replace(",", " ").split()]
         if len(numbers) != 7:
             raise ValueError(f"{len(numbers)} numbers")
+        if not all(map(math.isfinite, numbers)):
+            raise ValueError("not all finite")
         return transform.from_quaternion(numbers[:3], numbers[3:])
     except (ValueError, CoreError) as error:
         raise UsageError(f"the pose is {text!r} ({error}); expected seven numbers: x y z qx qy qz qw") from None
@@ -124,10 +141,7 @@ def _captures(scene: scene_file.Scene, seed: int) -> Iterator[Points]:
             points = expose(view, scene.camera.pinhole, scene.noise, seed)
 
 
-def _folder(folder: Path, frame: str, transforms: TransformList | None) -> Source:
-    files = cloud_file.list_clouds(folder)
-    if files:
-        return _files(files, frame, transforms)
+def _pairs(folder: Path, frame: str, transforms: TransformList | None) -> Source:
     pairs = rgbd.list_pairs(folder)
     if not pairs:
         expected = "expected .pcd or .ply files, or pairs NAME-color.png and NAME-depth.png"
@@ -136,16 +150,28 @@ def _folder(folder: Path, frame: str, transforms: TransformList | None) -> Sourc
     if camera is None:
         raise UsageError(f"folder {folder} has image pairs but no camera.toml or camera.json with their intrinsics")
     info = camera_info(camera.pinhole, frame)
-    return Source(frame, 1.0, lambda: (rgbd.read(pair.colour, pair.depth, camera) for pair in pairs), transforms, info)
+
+    def read(pair: rgbd.RgbdPair) -> Points:
+        return rgbd.read(pair.colour, pair.depth, camera)
+
+    return Source(frame, 1.0, lambda: map(read, pairs), transforms, info)
 
 
-def _files(files: list[Path], frame: str, transforms: TransformList | None) -> Source:
-    if not files[0].is_file():
-        raise UsageError(f"file {files[0]} does not exist")
-    first = cloud_file.read(files[0]).points
-    return Source(
-        frame, 1.0, lambda: (cloud_file.read(file).points for file in files), transforms, _fitted_info(first, frame)
-    )
+def _first_readable(files: list[Path]) -> LoadedCloud:
+    """The first cloud of some files; the others are told of when their turn comes."""
+    for file in files[:-1]:
+        with contextlib.suppress(FileError):
+            return cloud_file.read(file)
+    return cloud_file.read(files[-1])
+
+
+def _files(files: list[Path], first: LoadedCloud, frame: str, transforms: TransformList | None) -> Source:
+    info = _fitted_info(first.points, frame)
+    return Source(frame, 1.0, lambda: map(_read_file, files), transforms, info)
+
+
+def _read_file(path: Path) -> Points:
+    return cloud_file.read(path).points
 
 
 def _fitted_info(points: Points, frame: str) -> CameraInfo | None:
