@@ -7,9 +7,10 @@ import threading
 import time
 
 from zsight.action_server import ActionServer, GoalHandle, Policy
-from zsight.bus import Bus
+from zsight.bus import Bus, RawRequest
 from zsight.bus.zenoh_link import open_link, open_router
 from zsight.network import Network
+from zsight_protocol.channels import Cell
 from zsight_protocol.find_object import FindObjectGoal, FindObjectResult, ResultCode, Status
 from zsight_protocol.message import Header
 
@@ -45,7 +46,7 @@ def answer(goal_id: str, code: ResultCode) -> FindObjectResult:
 
 
 def main() -> None:
-    """``router ENDPOINT`` or ``server ENDPOINT PARALLEL QUEUE``; says ``ready``, ends with its standard input."""
+    """``router ENDPOINT`` or ``server ENDPOINT PARALLEL QUEUE [NAMESPACE]``; says ``ready``, ends with its input."""
     role, endpoint, *policy = sys.argv[1:]
     network = Network().on(endpoint)
     if role == "router":
@@ -54,13 +55,21 @@ def main() -> None:
         sys.stdin.read()
         link.close()
         return
-    bus = Bus(open_link(network))
-    parallel, queue = (int(number) for number in policy)
+    parallel, queue = (int(number) for number in policy[:2])
+    bus = Bus(open_link(network), Cell(*policy[2:]))
+    bare = bus.serve("echo/bare", _answer_at_once)
     server = ActionServer(bus, "finder", FindObjectGoal, Echo(), Policy(parallel, queue))
     print("ready", flush=True)
     sys.stdin.read()
     server.close()
+    bare.close()
     bus.close()
+
+
+def _answer_at_once(request: RawRequest) -> None:
+    """What a bare query costs, for comparison."""
+    request.reply(request.payload)
+    request.close()
 
 
 if __name__ == "__main__":
