@@ -59,6 +59,7 @@ def main() -> None:
     bus = Bus(open_link(network), Cell(*policy[2:]))
     bare = bus.serve("echo/bare", _answer_at_once)
     server = ActionServer(bus, "finder", FindObjectGoal, Echo(), Policy(parallel, queue))
+    bus.link.alive(bus.cell.alive("*", "*"), 1.0)  # a round trip: the router knows all that was declared before it
     print("ready", flush=True)
     sys.stdin.read()
     server.close()
