@@ -100,4 +100,5 @@ def _shape_of(found: DetectedObject, catalogue: Catalogue) -> Shape | None:
 
 def _line(found: DetectedObject) -> str:
     place = found.pose.position
-    return f"{found.type}\t({place.x:.4f}, {place.y:.4f}, {place.z:.4f}) m, probability {found.score:.3f}"
+    x, y, z = (round(value, 4) + 0.0 for value in (place.x, place.y, place.z))  # + 0.0: zero has no sign
+    return f"{found.type}\t({x:.4f}, {y:.4f}, {z:.4f}) m, probability {found.score:.3f}"
