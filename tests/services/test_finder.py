@@ -1,0 +1,257 @@
+"""The finder service on clouds of the book's scene: found, late, refused, and said why."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from tests.services.running import running
+from tests.services.waiting import soon
+
+from zsight import finder
+from zsight.client import CellClient, answer_of
+from zsight.convert import cloud_from_points, matrix_of
+from zsight.errors import DeadlinePassed, GoalCancelled, NobodyAnswers, RequestRefused
+from zsight.sources import open_source
+from zsight_core import scene as scene_core
+from zsight_core.transform import angle_between, from_rpy
+from zsight_protocol.find_object import Capture, ResultCode, Status
+from zsight_protocol.geometry import Region, TransformList
+from zsight_protocol.message import Time
+from zsight_protocol.object_type import BoxShape, ObjectType, ShapeOf
+from zsight_protocol.point_cloud import PointCloud2
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+
+    from zsight.bus import Bus
+    from zsight_core.points import Points
+
+    Join = Callable[[], Bus]
+
+T_WORLD_BLOCK = from_rpy((0.5, -0.35, 0.7922), (0, 0, 0.43))
+FRAME = "kinect_pc_frame"
+
+
+@pytest.fixture(scope="module")
+def view() -> tuple[Points, TransformList]:
+    """The book's cloud, and where its camera is."""
+    source = open_source("book", frame="")
+    assert source.transforms is not None
+    return next(source.clouds()), source.transforms
+
+
+class Stage:
+    """A running finder, its camera, and a client."""
+
+    def __init__(self, join: Join, view: tuple[Points, TransformList]) -> None:
+        self.points, transforms = view
+        self.camera = join()
+        self.clouds = self.camera.writer(self.camera.cell.points("kinect"), PointCloud2)
+        self.camera.writer(self.camera.cell.tf_static, TransformList).send(transforms)
+        self.client = CellClient(join())
+
+    def show(self, stamp: Time | None = None, frame: str = FRAME) -> Time:
+        """Publish the cloud."""
+        stamp = stamp or Time.now()
+        self.clouds.send(cloud_from_points(self.points, stamp, frame))
+        return stamp
+
+
+@pytest.fixture
+def start(join_memory: Join, view: tuple[Points, TransformList]) -> Iterator[Callable[..., Stage]]:
+    """Start a finder with some settings."""
+    contexts = []
+
+    def started(**settings: Any) -> Stage:
+        stage = Stage(join_memory, view)
+        contexts.append(running(finder.run, join_memory(), finder.Settings.model_validate(settings)))
+        contexts[-1].__enter__()
+        return stage
+
+    yield started
+    for context in contexts:
+        context.__exit__(None, None, None)
+
+
+# Found.
+
+
+def test_the_block_is_found_in_the_world_with_the_clouds_stamp(start: Callable[..., Stage]) -> None:
+    stage = start()
+    stamp = stage.show()
+    result = stage.client.find("toy_block")
+    assert (result.code, result.status) == (ResultCode.FOUND, Status.FOUND)
+    assert (result.header.stamp, result.header.frame_id, result.finder) == (stamp, "base_link", "finder")
+    (block,) = result.objects
+    T = matrix_of(block.pose)
+    assert np.linalg.norm(T[:3, 3] - T_WORLD_BLOCK[:3, 3]) < 0.001
+    turns = [from_rpy((0, 0, 0), (0, b, a)) for a in (0, np.pi) for b in np.arange(4) * np.pi / 2]
+    assert min(angle_between(T, T_WORLD_BLOCK @ turn) for turn in turns) < np.radians(0.5)
+    assert (block.type, block.code, block.runner_up == "toy_block") == ("toy_block", 1000, False)
+    assert block.support is not None
+    assert block.support.point.z == pytest.approx(0.7747, abs=0.0005)
+    assert block.support.normal.z == pytest.approx(1, abs=1e-4)
+    assert result.report["camera"] == "kinect"
+    assert result.timings_ms["age_of_cloud"] >= 0
+
+
+def test_the_answer_is_the_same_place_in_any_frame(start: Callable[..., Stage]) -> None:
+    stage = start()
+    stage.show()
+    world, camera = (stage.client.find("1000", frame=frame) for frame in ("base_link", FRAME))
+    assert camera.header.frame_id == FRAME
+    source = open_source("book", frame="").transforms
+    assert source is not None
+    T_world_camera = matrix_of(source.transforms[0].transform) @ matrix_of(source.transforms[1].transform)
+    np.testing.assert_allclose(
+        T_world_camera @ matrix_of(camera.objects[0].pose), matrix_of(world.objects[0].pose), atol=1e-6
+    )
+
+
+def test_a_camera_that_nobody_placed_answers_in_its_own_frame(start: Callable[..., Stage]) -> None:
+    stage = start()
+    stage.show(frame="elsewhere")
+    result = stage.client.find("toy_block")
+    assert (result.status, result.header.frame_id) == (Status.FOUND, "elsewhere")
+
+
+def test_what_is_not_there_is_not_found(start: Callable[..., Stage]) -> None:
+    stage = start()
+    stage.show()
+    result = stage.client.find("mug", maximum=0)
+    assert (result.code, result.status, result.objects) == (ResultCode.NOT_FOUND, Status.NOT_FOUND, ())
+    assert 0.5 < result.p_absent <= 1
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "found"),
+    [((0.4, -0.45, 0.7), (0.6, -0.25, 0.9), True), ((0.6, -0.2, 0.7), (1.0, 0.2, 0.9), False)],
+)
+def test_only_the_region_counts(
+    start: Callable[..., Stage], low: tuple[float, float, float], high: tuple[float, float, float], found: bool
+) -> None:
+    stage = start()
+    stage.show()
+    assert bool(stage.client.find("toy_block", region=Region(low=low, high=high)).objects) is found
+
+
+def test_a_known_height_is_used(start: Callable[..., Stage]) -> None:
+    stage = start()
+    stage.show()
+    (block,) = stage.client.find("toy_block", known_height=0.7747).objects
+    assert block.pose.position.z == pytest.approx(0.7922, abs=0.001)
+
+
+def test_goals_on_one_cloud_share_its_scene(start: Callable[..., Stage], monkeypatch: pytest.MonkeyPatch) -> None:
+    understood = []
+    whole = scene_core.understand
+
+    def counted(*arguments: Any, **options: Any) -> scene_core.Scene:
+        understood.append(1)
+        return whole(*arguments, **options)
+
+    monkeypatch.setattr(scene_core, "understand", counted)
+    stage = start()
+    stage.show()
+    for name in ("toy_block", "table_surface", "toy_block"):
+        assert stage.client.find(name).objects
+    assert len(understood) == 1
+    stage.show()
+    assert soon(lambda: bool(stage.client.find("toy_block").objects) and len(understood) == 2)
+
+
+# Late, or not at all.
+
+
+def test_no_camera_is_told(start: Callable[..., Stage]) -> None:
+    result = start(oldest=0.05).client.find("toy_block")
+    assert (result.status, result.objects) == (Status.CANNOT_TELL, ())
+    assert "no cloud has come on test/kinect/points: is the camera running?" in result.message
+
+
+def test_a_camera_that_stopped_is_told(start: Callable[..., Stage]) -> None:
+    stage = start(oldest=0.05)
+    stage.show()
+    assert soon(lambda: "the newest cloud on test/kinect/points came" in stage.client.find("toy_block").message)
+
+
+def test_a_new_cloud_is_waited_for(start: Callable[..., Stage]) -> None:
+    stage = start(oldest=30)
+    old = stage.show()
+    assert stage.client.find("toy_block").header.stamp == old
+    call = stage.client.start_find("toy_block", capture=Capture.NEW)
+    assert any(update.stage == "cloud" for update in call)
+    new = stage.show()
+    final = call.wait()
+    assert final.result is not None
+    assert final.result.header.stamp == new
+
+
+def test_a_new_cloud_that_never_comes_is_told(start: Callable[..., Stage]) -> None:
+    stage = start(oldest=0.05)
+    stage.show()
+    assert "has the camera stopped?" in stage.client.find("toy_block", capture=Capture.NEW).message
+
+
+def test_the_deadline_is_kept(start: Callable[..., Stage]) -> None:
+    with pytest.raises(DeadlinePassed):
+        start(oldest=30).client.find("toy_block", timeout=0.001)
+
+
+def test_a_goal_that_waits_for_its_cloud_can_be_cancelled(start: Callable[..., Stage]) -> None:
+    stage = start(oldest=30)
+    call = stage.client.start_find("toy_block", finder="finder")
+    assert any(update.stage == "cloud" for update in call)
+    call.cancel()
+    final = call.wait()
+    assert final.result is not None
+    assert final.result.message == "cancelled at stage cloud"
+    with pytest.raises(GoalCancelled):
+        answer_of(final)
+
+
+# Refused.
+
+
+def test_an_unknown_type_is_refused_with_the_nearest_name(start: Callable[..., Stage]) -> None:
+    with pytest.raises(RequestRefused, match="did you mean toy_block"):
+        start().client.find("toy_blok")
+
+
+def test_an_unknown_frame_is_told_with_those_that_are_known(start: Callable[..., Stage]) -> None:
+    stage = start()
+    stage.show()
+    result = stage.client.find("toy_block", frame="mars")
+    assert result.status is Status.CANNOT_TELL
+    assert "no transform from kinect_pc_frame to mars" in result.message
+    assert "known frames: base_link, kinect_link, kinect_pc_frame" in result.message
+
+
+def test_a_cloud_without_data_is_told(start: Callable[..., Stage], view: tuple[Points, TransformList]) -> None:
+    stage = start()
+    stage.points = view[0].copy()
+    for axis in "xyz":
+        stage.points[axis] = np.nan
+    stage.show()
+    result = stage.client.find("toy_block")
+    assert (result.status, result.objects) == (Status.CANNOT_TELL, ())
+    assert "finite" in result.message
+
+
+def test_another_finder_is_not_there(start: Callable[..., Stage]) -> None:
+    with pytest.raises(NobodyAnswers, match="find_object/other"):
+        start().client.find("toy_block", finder="other")
+
+
+def test_a_type_that_was_just_added_is_found(start: Callable[..., Stage], tmp_path: Path) -> None:
+    stage = start(catalogue=str(tmp_path))
+    stage.show()
+    bar = ObjectType(name="bar", code=4711, shape=ShapeOf(box=BoxShape(size=(0.2, 0.035, 0.035))))
+    stage.client.catalog.remove("toy_block")
+    stage.client.catalog.add(bar)
+    result = stage.client.find("4711")
+    assert [found.type for found in result.objects] == ["bar"]
+    assert result.objects[0].code == 4711
