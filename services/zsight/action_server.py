@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
 
 from zsight.errors import ConnectionLost, ZsightError
+from zsight.status_board import StatusBoard
 from zsight_core.errors import Cancelled, CoreError
 from zsight_protocol.action import (
     ENDED,
@@ -43,6 +44,7 @@ __all__ = ["ActionServer", "GoalHandle", "Policy", "Work"]
 log = logging.getLogger(__name__)
 
 _KEEP = 60.0  # seconds that an ended goal's result is kept
+_LISTED = 64  # goals in the list for watchers
 _FEEDBACK_EVERY = 0.02  # seconds between two feedback messages of one stage
 
 
@@ -157,7 +159,7 @@ class ActionServer(Generic[Goal, Result]):
         self._running = 0
         self._changed = threading.Condition()
         self._closed = threading.Event()
-        self._status = bus.writer(bus.cell.status(name), GoalStatusList)
+        self._status = StatusBoard(bus.writer(bus.cell.status(name), GoalStatusList), self._present)
         self._feedback = bus.writer(bus.cell.feedback(name), Update[Message])
         self._workers = [
             threading.Thread(target=self._run_goals, name=f"worker-{number}", daemon=True)
@@ -171,7 +173,6 @@ class ActionServer(Generic[Goal, Result]):
             bus.serve(bus.cell.find_object(name), self._goal_asked),
             bus.serve(bus.cell.find_object(ANY_FINDER), self._goal_asked),
         ]
-        self._tell_status()
 
     def close(self) -> None:
         """Take no more goals, stop those that run, and wait until their clients were told."""
@@ -184,6 +185,7 @@ class ActionServer(Generic[Goal, Result]):
             self._changed.notify_all()
         for worker in self._workers:
             worker.join()
+        self._status.close()
 
     # A goal arrives: on the link's thread, so all of this is quick.
 
@@ -230,7 +232,7 @@ class ActionServer(Generic[Goal, Result]):
             if running:
                 handle.requests.append(request)
         if not running:
-            self._reply(request, self._update(handle))
+            self._reply(request, encode(self._update(handle)))
             request.close()
 
     def _forget_old(self) -> None:
@@ -334,7 +336,7 @@ class ActionServer(Generic[Goal, Result]):
             self._say(self._update(handle), requests)
         for request in requests:
             request.close()
-        self._tell_status()
+        self._status.changed()
 
     # Words to clients and watchers.
 
@@ -358,18 +360,20 @@ class ActionServer(Generic[Goal, Result]):
                 return
             self._say(update, requests)
         if update.stage in ("", "started"):
-            self._tell_status()
+            self._status.changed()
 
     def _say(self, update: Update[Result], requests: list[RawRequest]) -> None:
+        payload = encode(update)
         for request in requests:
-            self._reply(request, update)
-        self._publish(update)
+            self._reply(request, payload)
+        if self._feedback.has_readers():
+            self._publish(update)
 
-    def _reply(self, request: RawRequest, update: Update[Result]) -> None:
+    def _reply(self, request: RawRequest, payload: bytes) -> None:
         try:
-            request.reply(encode(update))
+            request.reply(payload)
         except Exception as error:  # noqa: BLE001  a client that has gone must not stop the work for others
-            log.debug("a client of goal %s has gone: %s", update.goal_id, error)
+            log.debug("a client has gone: %s", error)
 
     def _publish(self, update: Update[Result]) -> None:
         try:
@@ -377,13 +381,11 @@ class ActionServer(Generic[Goal, Result]):
         except ConnectionLost as error:
             log.debug("no feedback sent: %s", error)
 
-    def _tell_status(self) -> None:
+    def _present(self) -> GoalStatusList:
+        """The newest goals, for watchers."""
         with self._changed:
+            handles = list(self._goals.values())[-_LISTED:]
             goals = tuple(
-                GoalStatus(goal_id=h.goal_id, state=h.state, accepted=h.accepted, what=h.stage)
-                for h in self._goals.values()
+                GoalStatus(goal_id=h.goal_id, state=h.state, accepted=h.accepted, what=h.stage) for h in handles
             )
-        try:
-            self._status.send(GoalStatusList(server=self._name, goals=goals[-64:]))
-        except ConnectionLost as error:
-            log.debug("no status sent: %s", error)
+        return GoalStatusList(server=self._name, goals=goals)
