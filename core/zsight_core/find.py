@@ -30,11 +30,15 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from zsight_core.points import Points
+    from zsight_core.scene import Segment
     from zsight_core.verify import Evidence
 
 __all__ = ["Answer", "Detection", "find", "warm_up"]
 
 Status = Literal["found", "not_found", "cannot_tell"]
+
+BOX_MARGIN = 0.01
+"""Metres around a detection's box that still count as of it."""
 
 QUICK_PIXELS = 200
 """Raster of a quick look at a hypothesis."""
@@ -114,6 +118,8 @@ class Answer:
     """Most probable first."""
     p_absent: float
     """Probability that no further object of the type is there, given that it would be seen where the view is free."""
+    obstacles: tuple[Segment, ...] = ()
+    """Segments that no detection explains: unknown things with a box around them."""
     report: dict[str, Any] = field(default_factory=dict)
     """Stages with counts, milliseconds, and the candidates rejected with what cut them."""
 
@@ -188,9 +194,10 @@ def find(
     found.sort(key=lambda d: -d.score)
     report["timings_ms"]["total"] = (perf_counter() - start) * 1e3
     if found:
-        return Answer("found", tuple(found[:maximum]), seen, report)
+        return Answer("found", tuple(found[:maximum]), seen, search.unexplained(found), report)
     unsure = doubtful or not scene.supports or seen < SURELY_SEEN
-    return Answer("cannot_tell" if unsure else "not_found", (), seen if scene.supports else 0.0, report)
+    status: Status = "cannot_tell" if unsure else "not_found"
+    return Answer(status, (), seen if scene.supports else 0.0, tuple(scene.segments), report)
 
 
 def warm_up() -> None:
@@ -260,6 +267,24 @@ class _Search:
             )
         return found
 
+    def unexplained(self, found: list[Detection]) -> tuple[Segment, ...]:
+        """Segments of which less than half lies in the box of a detection."""
+        left = []
+        pieces = {piece.segment: piece for piece in self.clues.segments}
+        for segment in self.scene.segments:
+            piece = pieces.get(segment.label)
+            if piece is None:
+                continue
+            T_camera_support = self.scene.supports[piece.support].T_camera_support
+            inside = np.zeros(len(piece.points), np.bool_)
+            for detection in found:
+                T = inverse(detection.T_camera_model) @ T_camera_support
+                there = np.abs(piece.points @ T[:3, :3].T + T[:3, 3])
+                inside |= (there < np.array(detection.size) / 2 + BOX_MARGIN).all(axis=1)
+            if inside.mean() < 0.5:
+                left.append(segment)
+        return tuple(left)
+
     def solids(self, model: ObjectModel, rivals: Sequence[ObjectModel]) -> tuple[list[Detection], bool, float]:
         """Objects of one type, whether one may be there half hidden, and how likely it would have been seen."""
         solid = solid_of(model.shape)
@@ -290,7 +315,9 @@ class _Search:
             if rival.name == model.name or isinstance(rival.shape, Surface):
                 continue
             if rival.name not in self._rivals:
-                self._rivals[rival.name] = self._candidates(rival, solid_of(rival.shape))
+                solid = solid_of(rival.shape)
+                places = _one_a_place(self._candidates(rival, solid), min(size_of(rival.shape)))
+                self._rivals[rival.name] = [self._polished(solid, place) for place in places]
             reach = (max(size_of(model.shape)) + max(size_of(rival.shape))) / 2
             for other in self._rivals[rival.name]:
                 near = np.linalg.norm(other.hypothesis.T_support_model[:2, 3] - place) < reach / 2

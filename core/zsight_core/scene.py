@@ -13,10 +13,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numba import njit
 
+from zsight_core import holes, wholes
 from zsight_core import segments as seg
 from zsight_core import support as sup
 from zsight_core import view as vw
-from zsight_core import wholes
+from zsight_core.holes import Hole, find_holes
 from zsight_core.transform import inverse
 from zsight_core.wholes import Cells, join_parts
 from zsight_core.words import words_of
@@ -85,6 +86,8 @@ class Scene:
     """Shape of the cloud: -1 no data, 0 neither, 1 support surface, 2.. one number an object."""
     segments: list[Segment]
     """One an object label, in order."""
+    holes: list[Hole]
+    """Where the surfaces show no depth, largest first."""
     timings_ms: dict[str, float]
     """Milliseconds by stage."""
     view: View
@@ -157,8 +160,23 @@ def understand(
     pixel_labels, owner, found = _measure(view, supports, over, pixel_labels, owner, noise)
     labels = _of_points(points, view, pixel_labels)
     clock.stamp("segments")
+    missing = find_holes(view, kind, supports)
+    clock.stamp("holes")
     return Scene(
-        supports, labels, found, timings, view, noise, kind, over, pixel_labels, patches, owner, cells, T_world_camera
+        supports,
+        labels,
+        found,
+        missing,
+        timings,
+        view,
+        noise,
+        kind,
+        over,
+        pixel_labels,
+        patches,
+        owner,
+        cells,
+        T_world_camera,
     )
 
 
@@ -177,6 +195,7 @@ def warm_up() -> None:
     _collect(depth, 8.0, 8.0, 8.0, 8.0, np.zeros((8, 8), np.int32), normal, 2, over, frames, np.array([0, 64]))
     _mean_colours(np.zeros(1024, np.uint32), 4, 3, np.zeros((8, 8), np.int32), 2, np.array([64]), 16)
     wholes.warm_up()
+    holes.warm_up()
     _extents(depth, 8.0, 8.0, 8.0, 8.0, labels, over, frames, 3)
     _renumber(labels, np.zeros(3, np.int32))
     _grid_of(np.zeros((3, 2)), 0.0, 0.0, 2, 2, 0.02, 0.0)

@@ -50,6 +50,8 @@ class Evidence(NamedTuple):
     """Metres; how far it is before the solid's, likewise; something that touches the solid in front does that too."""
     offset: float
     """Pixels; root mean square distance between drawn and measured outline."""
+    worst_side: float
+    """Largest share, over the eight ways an outline may face, of samples that say no: one side of it is not there."""
     bias: float
     """Pixels; how far the measured outline is outside of the drawn one on average: what stands there is larger."""
 
@@ -157,8 +159,8 @@ def _count_many(
     most: int,
     tolerance: float,
 ) -> NDArray[np.float64]:
-    """The numbers of Evidence (N, 15)."""
-    counts = np.empty((len(bases), 15))
+    """The numbers of Evidence (N, 16)."""
+    counts = np.empty((len(bases), 16))
     for i in range(len(bases)):
         T_optical_support = T_optical_supports[supports[i]]
         T = T_optical_support @ T_support_models[i]
@@ -182,8 +184,8 @@ def _count(  # noqa: C901  one compiled loop over pixels; splitting it would pas
     most: int,
     tolerance: float,
 ) -> NDArray[np.float64]:
-    """The numbers of Evidence (15,)."""
-    counts = np.zeros(15)
+    """The numbers of Evidence (16,)."""
+    counts = np.zeros(16)
     height, width = depth.shape
     placed = place(T_optical_model, vertices)
     region = region_of(placed, pinhole, most)
@@ -261,8 +263,12 @@ def _count(  # noqa: C901  one compiled loop over pixels; splitting it would pas
     ground[3] = (T_optical_support[:3, 2] * T_optical_support[:3, 3]).sum() + base
     samples = scan(depth, pinhole, placed, faces, edges, planes, w, region, ground, noise, 4)
     off, out, measured = 0.0, 0.0, 0
+    sides = np.zeros((8, 2))
     for s in range(len(samples)):
         state = int(samples[s, 0])
+        side = int(np.floor(np.arctan2(samples[s, 3], samples[s, 2]) * 4 / np.pi + 4.5)) % 8
+        sides[side, 0] += 1 if state in (0, 1, 4, 5) else 0
+        sides[side, 1] += 1 if state in (1, 4) else 0
         if state in (0, 5):
             counts[7] += 1
         if state == 0:
@@ -276,7 +282,10 @@ def _count(  # noqa: C901  one compiled loop over pixels; splitting it would pas
         elif state != 5:
             counts[10] += 1
     counts[13] = np.sqrt(off / max(measured, 1))
-    counts[14] = out / max(measured, 1)
+    for k in range(8):
+        if sides[k, 0] >= 4:
+            counts[14] = max(counts[14], (sides[k, 1] + 0.5) / (sides[k, 0] + 1))
+    counts[15] = out / max(measured, 1)
     for k in range(7):
         counts[k] *= step * step
     return counts
