@@ -82,7 +82,7 @@ def box_mask(cloud: Points | NDArray[np.floating[Any]], low: ArrayLike, high: Ar
     """Mask (H, W) of what `box` keeps; a point that is not finite is never kept."""
     words = words_of(cloud)
     out = np.empty(words.shape, np.bool_)
-    _in_box(words.words, words.layout, _limits(low, high), out.reshape(-1))
+    _in_box(words.words, words.layout, _limits(low, high), out.reshape(-1).view(np.uint8))
     return out
 
 
@@ -130,13 +130,13 @@ def _require_order(low: float, high: float) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _in_box(words: NDArray[np.float32], layout: Layout, limits: NDArray[np.float32], out: NDArray[np.bool_]) -> None:
+def _in_box(words: NDArray[np.float32], layout: Layout, limits: NDArray[np.float32], out: NDArray[np.uint8]) -> None:
     tile, inside = new_tile(), np.empty(TILE, np.uint8)
     for start in range(0, len(out), TILE):
         load_tile(words, layout, -1, start, tile)
         _mark_box(tile, limits, inside)
-        for i in range(min(TILE, len(out) - start)):
-            out[start + i] = inside[i] == 1
+        rest = out[start : start + TILE]
+        rest[:] = inside[: len(rest)]
 
 
 @njit(cache=True, nogil=True)
@@ -190,6 +190,6 @@ def warm_up() -> None:
     """Compile the kernels of this file."""
     words = words_of(np.zeros((4, 3), np.float32))
     mask = np.empty(4, np.bool_)
-    _in_box(words.words, words.layout, np.zeros(6, np.float32), mask)
+    _in_box(words.words, words.layout, np.zeros(6, np.float32), mask.view(np.uint8))
     remove_nan(np.zeros((1, 2), XYZ))
     _of_colour(words.words, words.layout, 2, np.zeros(3), 1.0, mask)

@@ -123,7 +123,7 @@ def ransac_plane(
         GeometryError: threshold not above zero; fewer than 3 points, or all on one line.
     """
     words = words_of(cloud)
-    return _refit(words, _consensus(words, threshold, seed, iterations), threshold)
+    return _refit(words, _consensus(words, threshold, seed, iterations), threshold, rounds=1)
 
 
 def heights(cloud: Points | NDArray[np.floating[Any]], plane: Plane) -> NDArray[np.float32]:
@@ -246,11 +246,11 @@ def _random(state: int) -> int:
 
 
 @njit(cache=True, nogil=True)
-def _sample(words: NDArray[np.float32], layout: Layout, seed: int, size: int) -> NDArray[np.float64]:
+def _sample(words: NDArray[np.float32], layout: Layout, seed: int, size: int) -> NDArray[np.float32]:
     """About `size` finite points (K, 3), one at random out of each of `size` equal stretches of the cloud."""
     step, at_x, at_y, at_z = layout
     count = len(words) // step
-    sample = np.empty((min(size, count), 3))
+    sample = np.empty((min(size, count), 3), np.float32)
     used = 0
     for k in range(len(sample)):
         low, high = k * count // len(sample), (k + 1) * count // len(sample)
@@ -267,10 +267,10 @@ def _sample(words: NDArray[np.float32], layout: Layout, seed: int, size: int) ->
 
 
 @njit(cache=True, nogil=True)
-def _finite(words: NDArray[np.float32], layout: Layout) -> NDArray[np.float64]:
+def _finite(words: NDArray[np.float32], layout: Layout) -> NDArray[np.float32]:
     """Finite points (K, 3), at most 65536 of them: for clouds that are nearly all holes."""
     step, at_x, at_y, at_z = layout
-    found = np.empty((65536, 3))
+    found = np.empty((65536, 3), np.float32)
     used = 0
     for i in range(len(words) // step):
         x, y, z = words[step * i + at_x], words[step * i + at_y], words[step * i + at_z]
@@ -281,45 +281,67 @@ def _finite(words: NDArray[np.float32], layout: Layout) -> NDArray[np.float64]:
 
 
 @njit(cache=True, nogil=True)
-def _msac(sample: NDArray[np.float64], threshold: float, seed: int, iterations: int) -> NDArray[np.float64]:
-    """The plane nx, ny, nz, d through three points of the sample whose truncated squared distances sum up least."""
+def _msac(sample: NDArray[np.float32], threshold: float, seed: int, iterations: int) -> NDArray[np.float64]:
+    """The plane nx, ny, nz, d through three points of the sample whose truncated squared distances sum up least.
+
+    Hypotheses are tried on all points, 64 at a time, and given up once they cost more than the best so far.
+    """
     count = len(sample)
+    columns = np.full((3, (count + 63) // 64 * 64), np.inf, np.float32)
+    for i in range(count):
+        columns[0, i], columns[1, i], columns[2, i] = sample[i, 0], sample[i, 1], sample[i, 2]
     best = np.zeros(4)
     best_cost = np.inf
-    limit = threshold * threshold
+    limit = np.float32(threshold * threshold)
     needed = float(iterations)
     k = 0
     while k < needed:
         state = (seed + 1) * 0x10000000 + 3 * k
         k += 1
-        a, b, c = sample[_random(state) % count], sample[_random(state + 1) % count], sample[_random(state + 2) % count]
-        ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
-        vx, vy, vz = c[0] - a[0], c[1] - a[1], c[2] - a[2]
-        nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-        length = math.sqrt(nx * nx + ny * ny + nz * nz)
-        longest = max(ux * ux + uy * uy + uz * uz, vx * vx + vy * vy + vz * vz)
-        if length <= 1e-6 * longest or longest == 0.0:
+        plane = _through(
+            sample[_random(state) % count], sample[_random(state + 1) % count], sample[_random(state + 2) % count]
+        )
+        if not plane.any():
             continue
-        nx, ny, nz = nx / length, ny / length, nz / length
-        d = nx * a[0] + ny * a[1] + nz * a[2]
         cost = 0.0
-        inside = 0
-        for i in range(count):
-            e = nx * sample[i, 0] + ny * sample[i, 1] + nz * sample[i, 2] - d
-            square = e * e
-            inside += 1 if square <= limit else 0
-            cost += min(square, limit)
-            if i & 255 == 255 and cost >= best_cost:
+        for start in range(0, columns.shape[1], 64):
+            cost += _cost(columns, start, plane, limit)
+            if cost >= best_cost:
                 break
         if cost < best_cost:
             best_cost = cost
-            best[0], best[1], best[2], best[3] = nx, ny, nz, d
-            chance = (inside / count) ** 3
+            best[:] = plane
+            chance = max(1.0 - cost / (float(limit) * columns.shape[1]), 1e-3) ** 3
             if chance > 0.999:
                 break
-            needed = min(needed, math.log(1e-3) / math.log(1.0 - chance)) if chance > 0.0 else needed
-            needed = max(needed, min(50.0, float(iterations)))
+            needed = min(needed, max(math.log(1e-3) / math.log(1.0 - chance), 20.0))
     return best
+
+
+@njit(cache=True, nogil=True)
+def _through(a: NDArray[np.float32], b: NDArray[np.float32], c: NDArray[np.float32]) -> NDArray[np.float64]:
+    """nx, ny, nz, d of the plane through three points; zeros where they lie on a line."""
+    plane = np.zeros(4)
+    ux, uy, uz = float(b[0]) - a[0], float(b[1]) - a[1], float(b[2]) - a[2]
+    vx, vy, vz = float(c[0]) - a[0], float(c[1]) - a[1], float(c[2]) - a[2]
+    nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+    length = math.sqrt(nx * nx + ny * ny + nz * nz)
+    longest = max(ux * ux + uy * uy + uz * uz, vx * vx + vy * vy + vz * vz)
+    if length > 1e-6 * longest and longest > 0.0:
+        plane[0], plane[1], plane[2] = nx / length, ny / length, nz / length
+        plane[3] = plane[0] * a[0] + plane[1] * a[1] + plane[2] * a[2]
+    return plane
+
+
+@njit(cache=True, nogil=True, fastmath={"reassoc", "nsz", "contract"})  # a sum in any order is as good
+def _cost(columns: NDArray[np.float32], start: int, plane: NDArray[np.float64], limit: Any) -> Any:
+    """Truncated squared distances of 64 points, summed up; a point at infinity costs the limit."""
+    nx, ny, nz, d = np.float32(plane[0]), np.float32(plane[1]), np.float32(plane[2]), np.float32(plane[3])
+    cost = np.float32(0)
+    for i in range(start, start + 64):
+        e = nx * columns[0, i] + ny * columns[1, i] + nz * columns[2, i] - d
+        cost += e * e if e * e < limit else limit  # noqa: FURB136  min() lets the NaN of a padding point through
+    return cost
 
 
 @njit(cache=True, nogil=True)
@@ -328,20 +350,22 @@ def _heights(words: NDArray[np.float32], layout: Layout, plane: NDArray[np.float
     for start in range(0, len(out), TILE):
         load_tile(words, layout, -1, start, tile)
         _tile_heights(tile, plane, above)
-        for i in range(min(TILE, len(out) - start)):
-            out[start + i] = above[i]
+        rest = out[start : start + TILE]
+        rest[:] = above[: len(rest)]
 
 
 @njit(cache=True, nogil=True)
 def _near(
     words: NDArray[np.float32], layout: Layout, plane: NDArray[np.float64], limit: Any, out: NDArray[np.bool_]
 ) -> None:
-    tile, above = new_tile(), np.empty(TILE, np.float32)
+    tile, above, near = new_tile(), np.empty(TILE, np.float32), np.empty(TILE, np.bool_)
     for start in range(0, len(out), TILE):
         load_tile(words, layout, -1, start, tile)
         _tile_heights(tile, plane, above)
-        for i in range(min(TILE, len(out) - start)):
-            out[start + i] = abs(above[i]) <= limit
+        for i in range(TILE):
+            near[i] = abs(above[i]) <= limit
+        rest = out[start : start + TILE]
+        rest[:] = near[: len(rest)]
 
 
 @njit(cache=True, nogil=True)

@@ -61,8 +61,9 @@ def words_of(cloud: Points | NDArray[np.floating[Any]]) -> Words:
         raise PointsError(f"cloud has shape {points.shape}; expected (height, width) or (count,)")
     layout, colour = _layout(points.dtype)
     height, width = points.shape if points.ndim == 2 else (1, len(points))
-    if layout[0] and points.flags.c_contiguous:
-        words = record_words(points)
+    if layout[0]:
+        whole = np.dtype((np.void, points.dtype.itemsize))  # numpy copies a record with fields one field at a time
+        words = record_words(np.ascontiguousarray(points.view(whole)).view(points.dtype))
         if words.flags.aligned:
             return Words(words, layout, colour, (height, width))
     points = _packed(points, colour_field(points))
