@@ -15,7 +15,7 @@ def load() -> Any:
     its symbols global, so that the dynamic linker finds it.
 
     Raises:
-        ImportError: the perception extra is not installed.
+        ImportError: the perception extra is not installed, or a system library is missing; says which.
     """
     try:
         import libusb_package
@@ -25,8 +25,9 @@ def load() -> Any:
         pass  # a system-wide libusb may still be there: let open3d decide
     try:
         import open3d
-    except ImportError as error:
-        raise ImportError(
-            f"open3d cannot be imported ({error}); install it with: pip install 'zsight[perception]'"
-        ) from error
+    except ModuleNotFoundError as error:
+        raise ImportError(f"{error.name} is not installed; it comes with: pip install 'zsight[perception]'") from error
+    except (ImportError, OSError) as error:
+        libraries = "libegl1 libgl1 libgomp1 libx11-6"
+        raise ImportError(f"open3d does not load ({error}); on Debian it needs: apt-get install {libraries}") from error
     return open3d

@@ -24,6 +24,9 @@ def main() -> NoReturn:
     except ModuleNotFoundError as error:
         _say_error(f"{error.name} is not installed; it comes with: pip install 'zsight[all]'")
         code = 2
+    except ImportError as error:
+        _say_error(str(error))
+        code = 2
     except KeyboardInterrupt:
         code = 130
     except BrokenPipeError:
