@@ -186,7 +186,8 @@ class _Canvas:
     def write_labels(self) -> None:
         """Write each label in a box above its object, higher where another label is in the way."""
         for (x, y), text, colour in sorted(self.labels, key=lambda label: -label[0][1]):
-            self.label(x, y, text, colour)
+            if 0 <= x < self.width and 0 <= y < self.height:
+                self.label(x, y, text, colour)
 
     def label(self, x: float, y: float, text: str, colour: Colour) -> None:
         font, pad = self.font(16), 7 * self.scale
@@ -264,9 +265,27 @@ def _visible_edges(solid: Solid, corners: NDArray[np.float64]) -> tuple[list[tup
     crease = border | ((normals[one] * normals[other]).sum(axis=1) < CREASE)
     front = facing[one] | (facing[other] & ~border)
     silhouette = ~border & (facing[one] != facing[other])
-    seen = [(int(a), int(b)) for a, b in solid.edges[front & (crease | silhouette), :2]]
+    before = solid.edges[front & (crease | silhouette), :2]
+    seen = [(int(a), int(b)) for a, b in before[~_covered(solid.faces[facing], corners, before)]]
     hidden = [(int(a), int(b)) for a, b in solid.edges[~front & crease, :2]]
     return seen, hidden
+
+
+def _covered(faces: NDArray[np.int32], corners: NDArray[np.float64], edges: NDArray[np.int32]) -> NDArray[np.bool_]:
+    """True for edges (E, 2) whose middle lies behind one of the faces (F, 3); inverse depth is linear in an image."""
+    flat = np.column_stack([corners[:, :2], 1 / corners[:, 2]])
+    middle = flat[edges].mean(axis=1)[:, None, :]
+    a, b, c = (flat[faces[:, k]][None] for k in range(3))
+    area = _cross(b - a, c - a)
+    share_b, share_c = _cross(middle - a, c - a) / area, _cross(b - a, middle - a) / area
+    inside = (share_b > 0) & (share_c > 0) & (share_b + share_c < 1)
+    inverse_depth = a[..., 2] + share_b * (b - a)[..., 2] + share_c * (c - a)[..., 2]
+    margin = 0.03 * np.ptp(flat[:, 2])
+    return np.asarray((inside & (inverse_depth > middle[..., 2] + margin)).any(axis=1))
+
+
+def _cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
 
 
 def _overlap(a: Area, b: Area) -> bool:

@@ -7,12 +7,17 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-__all__ = ["shade_by_depth"]
+__all__ = ["shade_by_depth", "warm_up"]
 
 REACH = 2  # pixels
 STRENGTH = 25.0
 DARKEST = 0.45
 LEAST = 0.002  # of the depth: below this nothing darkens
+
+
+def warm_up() -> None:
+    """Compile the kernel of this module, or load it from the cache."""
+    shade_by_depth(np.ones((4, 4), np.float32), np.zeros((4, 4, 3), np.uint8))
 
 
 @njit(cache=True, nogil=True)

@@ -8,17 +8,17 @@ import numpy as np
 from numba import njit
 from scipy.spatial import cKDTree
 
-from zsight_core.points import Points, colours, has_colour, is_organised, xyz
+from zsight_core.points import Points, colours, from_xyz, has_colour, is_organised, xyz
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from zsight_core.picture.eye import Projection
 
-__all__ = ["paint"]
+__all__ = ["paint", "warm_up"]
 
-JUMP = 0.015  # of the depth: neighbours farther apart are not joined
-SLANT = 6.0  # nor those more than this many pixel widths apart
+JUMP = 0.018  # of the depth: neighbours farther apart are not joined
+SLANT = 8.0  # nor those more than this many pixel widths apart
 RIM = -1e-3  # share by which a triangle reaches over its edge, so that rounding leaves no crack
 SMALLEST_DISC, LARGEST_DISC = 0.8, 12.0  # pixels
 
@@ -48,6 +48,17 @@ def paint(points: Points, projection: Projection, image: NDArray[np.uint8], dept
     else:
         spacing = _spacing(coordinates.reshape(-1, 3))
     _discs(seen, colour, alone, 0.7 * spacing * projection.focal, image, depth)
+
+
+def warm_up() -> None:
+    """Compile the kernels of this module, or load them from the cache, on a cloud of each layout."""
+    from zsight_core.picture.eye import Eye, Projection
+
+    v, u = np.mgrid[0:4, 0:4]
+    grid = np.stack([u * 0.01, v * 0.01, np.ones((4, 4))], axis=-1)
+    projection = Projection.of(Eye(np.eye(4)), 16, 16)
+    for cloud in (from_xyz(grid, np.zeros((4, 4, 3), np.uint8)), from_xyz(grid), from_xyz(grid.reshape(-1, 3))):
+        paint(cloud, projection, np.zeros((16, 16, 3), np.uint8), np.full((16, 16), np.inf, np.float32))
 
 
 def _by_depth(coordinates: NDArray[np.float32]) -> NDArray[np.uint8]:
@@ -159,19 +170,22 @@ def _join(coordinates: Any, seen: Any, colour: Any, step: float, alone: Any, ima
                 _triangle(seen, colour, left, right, below, image, depth)
     for v in range(rows - 1):
         for u in range(columns - 1):
-            a, b, c, d = (v, u), (v, u + 1), (v + 1, u), (v + 1, u + 1)
-            across = _neighbours(coordinates, v, u + 1, v + 1, u, step)  # false where one is NaN
-            if not across or not seen[b][2] > 0 or not seen[c][2] > 0:
+            rising = _neighbours(coordinates, v, u + 1, v + 1, u, step)  # false where one of them is a hole
+            if not rising and not _neighbours(coordinates, v, u, v + 1, u + 1, step):
                 continue
-            for corner in (a, d):
-                v0, u0 = corner
+            first, second = ((v, u + 1), (v + 1, u)) if rising else ((v, u), (v + 1, u + 1))
+            corners = ((v, u), (v + 1, u + 1)) if rising else ((v, u + 1), (v + 1, u))
+            if not seen[first[0], first[1], 2] > 0 or not seen[second[0], second[1], 2] > 0:
+                continue
+            for corner in corners:
                 if (
-                    seen[v0, u0, 2] > 0
-                    and _neighbours(coordinates, v0, u0, v, u + 1, step)
-                    and _neighbours(coordinates, v0, u0, v + 1, u, step)
+                    seen[corner[0], corner[1], 2] > 0
+                    and _neighbours(coordinates, corner[0], corner[1], first[0], first[1], step)
+                    and _neighbours(coordinates, corner[0], corner[1], second[0], second[1], step)
                 ):
-                    _triangle(seen, colour, corner, b, c, image, depth)
-                    alone[v0, u0] = alone[v, u + 1] = alone[v + 1, u] = False
+                    _triangle(seen, colour, corner, first, second, image, depth)
+                    alone[corner[0], corner[1]] = False
+                    alone[first[0], first[1]] = alone[second[0], second[1]] = False
 
 
 @njit(cache=True, nogil=True)

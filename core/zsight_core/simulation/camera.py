@@ -7,13 +7,11 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numba import njit
 
-from zsight_core.model import Box, Cylinder, Mesh, ObjectModel, Sphere, Surface
 from zsight_core.pinhole import Pinhole
 from zsight_core.points import XYZRGB, Points
-from zsight_core.simulation.kinect import Kinect
+from zsight_core.simulation import kinect, raycast, time_of_flight
 from zsight_core.simulation.raycast import DepthView, render
-from zsight_core.simulation.time_of_flight import TimeOfFlight
-from zsight_core.simulation.world import Body, Camera, World
+from zsight_core.simulation.world import Camera, World
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -55,15 +53,11 @@ def expose(view: DepthView, pinhole: Pinhole, noise: Noise | None = None, seed: 
 
 
 def warm_up() -> None:
-    """Compile all kernels of the simulation, or load them from the cache, on a very small picture."""
-    tetrahedron = Mesh(np.eye(4, 3), np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]], dtype=np.int32))
-    shapes = (Surface(), Box((0.1, 0.1, 0.1)), Cylinder(0.1, 0.1), Sphere(0.1), tetrahedron)
-    below = np.eye(4)
-    below[2, 3] = 2.0
-    world = World(tuple(Body("warm-up", ObjectModel("warm-up", shape), below) for shape in shapes))
-    camera = Camera(Pinhole(8, 8, 8.0, 8.0, 3.5, 3.5), np.eye(4))
-    for noise in (None, Kinect(), TimeOfFlight()):
-        capture(world, camera, noise)
+    """Compile the kernels that a simulated camera runs, or load them from the cache."""
+    raycast.warm_up()
+    kinect.warm_up()
+    time_of_flight.warm_up()
+    capture(World(()), Camera(Pinhole(8, 8, 8.0, 8.0, 3.5, 3.5), np.eye(4)))
 
 
 @njit(cache=True, nogil=True)

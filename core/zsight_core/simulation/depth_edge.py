@@ -10,7 +10,7 @@ from numba import njit
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = ["JUMP", "depth_around"]
+__all__ = ["JUMP", "depth_around", "warm_up"]
 
 JUMP = 0.02  # of the depth: neighbours farther apart than this lie on different surfaces
 
@@ -28,6 +28,11 @@ def depth_around(depth: NDArray[np.float64]) -> tuple[NDArray[np.float32], NDArr
     greatest = np.empty(depth.shape, dtype=np.float32)
     _depth_around(depth, least, greatest)
     return least, greatest
+
+
+def warm_up() -> None:
+    """Compile the kernel of this module, or load it from the cache."""
+    depth_around(np.ones((2, 2)))
 
 
 @njit(cache=True, nogil=True)

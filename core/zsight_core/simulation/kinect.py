@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from zsight_core.pinhole import Pinhole
     from zsight_core.simulation.raycast import DepthView
 
-__all__ = ["Kinect"]
+__all__ = ["Kinect", "warm_up"]
 
 
 @dataclass(frozen=True)
@@ -79,6 +79,16 @@ class Kinect:
             measured,
         )
         return measured
+
+
+def warm_up() -> None:
+    """Compile the kernels of this module, or load them from the cache, on a view of nothing."""
+    from zsight_core.pinhole import Pinhole
+    from zsight_core.simulation.raycast import render
+    from zsight_core.simulation.world import Camera, World
+
+    pinhole = Pinhole(8, 8, 8.0, 8.0, 3.5, 3.5)
+    Kinect().measure(render(World(()), Camera(pinhole, np.eye(4))), pinhole, np.random.default_rng(0))
 
 
 @njit(cache=True, nogil=True)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numba import njit
 
-from zsight_core.model import Box, Cylinder, Mesh, Shape, Sphere, Surface, size_of
+from zsight_core.model import Box, Cylinder, Mesh, ObjectModel, Shape, Sphere, Surface, size_of
 from zsight_core.transform import inverse
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from zsight_core.pinhole import Pinhole
     from zsight_core.simulation.world import Camera, World
 
-__all__ = ["DepthView", "render"]
+__all__ = ["DepthView", "render", "warm_up"]
 
 PALETTE = (
     (203, 75, 66),
@@ -88,6 +88,19 @@ def render(world: World, camera: Camera) -> DepthView:
     _shade(body_index, normal, _body_colours(world), light, intrinsics, colour, depth)
     reflects = np.array([body.reflects for body in world.bodies], dtype=np.float64)
     return DepthView(depth, body_index, normal, colour, reflects)
+
+
+def warm_up() -> None:
+    """Compile the kernels of this module, or load them from the cache, on one body of each kind."""
+    from zsight_core.pinhole import Pinhole
+    from zsight_core.simulation.world import Body, Camera, World
+
+    tetrahedron = Mesh(np.eye(4, 3), np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]], dtype=np.int32))
+    shapes = (Surface(), Box((0.1, 0.1, 0.1)), Cylinder(0.1, 0.1), Sphere(0.1), tetrahedron)
+    ahead = np.eye(4)
+    ahead[2, 3] = 2.0
+    world = World(tuple(Body("warm-up", ObjectModel("warm-up", shape), ahead) for shape in shapes))
+    render(world, Camera(Pinhole(8, 8, 8.0, 8.0, 3.5, 3.5), np.eye(4)))
 
 
 def _solid(shape: Shape) -> tuple[int, NDArray[np.float64]]:
