@@ -57,7 +57,7 @@ class _Link:
         if early > 0 or late > 0:
             side, gap = ("before the oldest", early) if early > 0 else ("after the newest", late)
             words = f"the time asked for is {gap / 1e9:.3f} s {side} transform from {child} to {self.parent}"
-            raise TransformUnknown(f"{words}: are the hosts' clocks together? See: zsight node list")
+            raise TransformUnknown(f"{words}: are the hosts' clocks together? See: zsight node clocks")
         after = bisect.bisect_left(self.times, stamp_ns)
         if self.times[after] == stamp_ns:
             return self.matrices[after]

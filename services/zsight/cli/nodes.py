@@ -71,6 +71,25 @@ def info(
             say(f"  {beat.errors} warnings or errors, the last: {beat.last_error}")
 
 
+@app.command()
+def clocks(json: Json = False, connect: Connect = None, namespace: Namespace = None) -> None:
+    """How far the clock of every host is from this one's; exit code 1 where one is more than 20 ms off."""
+    from zsight.clocks import ask_clocks
+    from zsight.runtime import join
+
+    network = network_of(connect, namespace)
+    with join(network) as bus:
+        found = ask_clocks(bus)
+    if not found:
+        raise NobodyAnswers(f"a router answers, but cell {network.namespace} is empty: start it with: zsight up")
+    if json:
+        print_json({"clocks": [{"host": c.host, "offset": c.offset, "uncertainty": c.uncertainty} for c in found]})
+    else:
+        rows = [(c.host, f"{c.offset * 1e3:+.1f} ms", f"{c.uncertainty * 1e3:.1f} ms", c.warning) for c in found]
+        print_table(["host", "ahead by", "known to", ""], rows)
+    raise typer.Exit(1 if any(clock.warning for clock in found) else 0)
+
+
 def _beats(connect: str | None, namespace: str | None) -> list[Health]:
     from zsight.beats import ask_health
     from zsight.runtime import join
