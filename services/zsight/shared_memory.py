@@ -1,14 +1,24 @@
-"""Shared memory that dead processes left behind."""
+"""The host's shared memory: how much is left, and what dead processes left behind."""
 
 from __future__ import annotations
 
 import contextlib
 import os
+import sys
 from pathlib import Path
 
-__all__ = ["remove_orphans"]
+__all__ = ["free_bytes", "remove_orphans"]
 
 _FOLDER = Path("/dev/shm")  # noqa: S108  where Linux keeps POSIX shared memory
+
+
+def free_bytes(folder: Path = _FOLDER) -> int:
+    """Shared memory that is left; without bound where the system does not say."""
+    try:
+        room = os.statvfs(folder)
+    except (OSError, AttributeError):  # Windows has no statvfs, other systems no such folder
+        return sys.maxsize
+    return room.f_bavail * room.f_frsize
 
 
 def remove_orphans(folder: Path = _FOLDER) -> int:

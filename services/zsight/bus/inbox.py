@@ -54,6 +54,7 @@ class Inbox:
         self._arrivals = 0
         self._last_arrival = 0.0
         self._held_since: float | None = None
+        self._last_look = 0.0
 
     def __len__(self) -> int:
         """How many messages wait."""
@@ -94,9 +95,10 @@ class Inbox:
         if not self.is_stale(arrived):
             return 0.0
         now = time.monotonic()
-        if self._held_since is None:
-            self._held_since = now
         grace = max(_GRACE, 2e-9 * self._period_ns(arrived))
+        if self._held_since is None or now > self._last_look + 2 * grace:  # just begun, or stood still meanwhile
+            self._held_since = now
+        self._last_look = now
         end = min(max(self._held_since, self._last_arrival) + grace, self._held_since + _LONGEST)
         return max(end - now, 0.0)
 
