@@ -21,6 +21,7 @@ SHARED = (
     "contour.py",
     "eight_bytes.py",
     "moments.py",
+    "neighbour_grid.py",
     "number_kinds.py",
     "points.py",
     "render.py",

@@ -1,0 +1,342 @@
+"""Clusters: groups of points that hang together by steps no longer than a tolerance."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numba import njit
+
+from zsight_core.errors import GeometryError, PointsError
+from zsight_core.neighbour_grid import cell_at, grid_of
+from zsight_core.tile import TILE, load_tile, new_tile
+from zsight_core.words import words_of
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from zsight_core.plane import Plane
+    from zsight_core.points import Points
+    from zsight_core.words import Layout
+
+__all__ = ["clusters_above", "euclidean_clusters", "image_clusters", "warm_up"]
+
+
+def euclidean_clusters(
+    cloud: Points | NDArray[np.floating[Any]],
+    tolerance: float,
+    least: int = 1,
+    most: int | None = None,
+    mask: NDArray[np.bool_] | None = None,
+) -> NDArray[np.int32]:
+    """Groups of points in which each is at most `tolerance` from another: the partition of PCL's Euclidean clustering.
+
+    Method: in a grid of cells of tolerance / sqrt(3), all points of a cell belong together; cells are joined (union
+    and find) where two of their points lie near enough, and are compared only while they are not yet joined.
+
+    Args:
+        cloud: Points (H, W) or coordinates (N, 3), metres; holes belong to no cluster.
+        tolerance: longest step, metres.
+        least: smaller groups are left out.
+        most: larger groups are left out; None: no limit.
+        mask: (H, W), the points that take part; None: all.
+
+    Returns:
+        int32 (H, W): number of each point's cluster, the largest (of equal ones the one that begins earlier) is 0; -1
+        for a point in none.
+
+    Raises:
+        GeometryError: tolerance not above zero, or so small that the grid overflows.
+        PointsError: the mask does not fit.
+    """
+    words = words_of(cloud)
+    if mask is not None and (mask.shape != words.shape or mask.dtype != np.bool_):
+        raise PointsError(f"mask has shape {mask.shape} and type {mask.dtype}; expected {words.shape} and bool")
+    _require_step(tolerance)
+    chosen = np.ones(words.count, np.bool_) if mask is None else np.ascontiguousarray(mask).reshape(-1)
+    xyz, index = _chosen(words.words, words.layout, chosen)
+    return _labelled(xyz, index, tolerance, least, most, words.count).reshape(words.shape)
+
+
+def clusters_above(
+    points: Points,
+    plane: Plane,
+    low: float,
+    high: float,
+    tolerance: float,
+    least: int = 1,
+    most: int | None = None,
+) -> NDArray[np.int32]:
+    """`euclidean_clusters` of the points that stand low..high metres above the plane, towards the camera.
+
+    Raises:
+        GeometryError: low > high; tolerance not above zero.
+    """
+    if not low <= high:
+        raise GeometryError(f"heights are {low} to {high} m; expected the lower one first")
+    _require_step(tolerance)
+    words = words_of(points)
+    xyz, index = _between(words.words, words.layout, plane.coefficients(), np.float32(low), np.float32(high))
+    return _labelled(xyz, index, tolerance, least, most, words.count).reshape(words.shape)
+
+
+def image_clusters(
+    points: Points, mask: NDArray[np.bool_], gap: float, least: int = 1, most: int | None = None
+) -> NDArray[np.int32]:
+    """Connected components of an organised cloud: neighbours left and right, above and below, at most `gap` apart.
+
+    Far cheaper than `euclidean_clusters`, and what is apart in the image stays apart.
+
+    Args:
+        points: (H, W), metres.
+        mask: (H, W), the points that take part.
+        gap: longest step from pixel to pixel, metres.
+        least: smaller groups are left out.
+        most: larger groups are left out; None: no limit.
+
+    Returns:
+        int32 (H, W) as of `euclidean_clusters`.
+
+    Raises:
+        PointsError: the mask does not fit.
+        GeometryError: gap not above zero.
+    """
+    words = words_of(points)
+    if mask.shape != words.shape or mask.dtype != np.bool_:
+        raise PointsError(f"mask has shape {mask.shape} and type {mask.dtype}; expected {words.shape} and bool")
+    _require_step(gap)
+    root = _image_roots(words.words, words.layout, words.shape[1], np.ascontiguousarray(mask).reshape(-1), gap)
+    return _numbered(root, least, words.count if most is None else most).reshape(words.shape)
+
+
+def _require_step(length: float) -> None:
+    if not (math.isfinite(length) and length > 0):
+        raise GeometryError(f"longest step is {length} m; expected a length above zero")
+
+
+def _labelled(
+    xyz: NDArray[np.float32], index: NDArray[np.int64], tolerance: float, least: int, most: int | None, count: int
+) -> NDArray[np.int32]:
+    """Cluster the points (N, 3), which are the ones numbered `index` of `count`."""
+    if len(xyz) == 0:
+        return np.full(count, -1, np.int32)
+    grid = grid_of(xyz, tolerance / math.sqrt(3.0))
+    root_of_cell = _joined(grid.xyz, grid.starts, grid.keys, grid.table, tolerance)
+    root = _roots_of_points(root_of_cell, grid.starts, grid.order, index, count)
+    return _numbered(root, least, count if most is None else most)
+
+
+def _steps() -> NDArray[np.int64]:
+    """The 62 cells (half of those around) that can hold a point within the tolerance, the nearest first: (62, 3)."""
+    z, y, x = (axis.ravel() - 2 for axis in np.indices((5, 5, 5)))
+    steps = np.column_stack([x, y, z])[63:]
+    return steps[
+        np.argsort((np.maximum(np.abs(steps) - 1, 0) ** 2).sum(axis=1) * 100 + (steps**2).sum(axis=1), kind="stable")
+    ]
+
+
+_STEPS = _steps()
+
+
+@njit(cache=True, nogil=True)
+def _chosen(
+    words: NDArray[np.float32], layout: Layout, mask: NDArray[np.bool_]
+) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
+    """The finite points of the mask (N, 3), and their numbers (N,)."""
+    step, at_x, at_y, at_z = layout
+    xyz, index = np.empty((len(mask), 3), np.float32), np.empty(len(mask), np.int64)
+    used = 0
+    for i in range(len(mask)):
+        if mask[i]:
+            x, y, z = words[step * i + at_x], words[step * i + at_y], words[step * i + at_z]
+            xyz[used, 0], xyz[used, 1], xyz[used, 2] = x, y, z
+            index[used] = i
+            used += math.isfinite(x) and math.isfinite(y) and math.isfinite(z)
+    return xyz[:used], index[:used]
+
+
+@njit(cache=True, nogil=True)
+def _between(
+    words: NDArray[np.float32], layout: Layout, plane: NDArray[np.float64], low: Any, high: Any
+) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
+    """The points low..high above the plane (N, 3), and their numbers (N,)."""
+    nx, ny, nz, d = np.float32(plane[0]), np.float32(plane[1]), np.float32(plane[2]), np.float32(plane[3])
+    count = len(words) // layout[0]
+    xyz, index = np.empty((count + 1, 3), np.float32), np.empty(count + 1, np.int64)
+    tile, inside = new_tile(), np.empty(TILE, np.uint8)
+    used = 0
+    for start in range(0, count, TILE):
+        load_tile(words, layout, -1, start, tile)
+        for i in range(TILE):
+            height = nx * tile[0, i] + ny * tile[1, i] + nz * tile[2, i] - d
+            inside[i] = (height >= low) & (height <= high)
+        for i in range(TILE):
+            if inside[i]:
+                xyz[used, 0], xyz[used, 1], xyz[used, 2] = tile[0, i], tile[1, i], tile[2, i]
+                index[used] = start + i
+                used += 1
+    return xyz[:used], index[:used]
+
+
+@njit(cache=True, nogil=True)
+def _root(parent: NDArray[np.int64], i: int) -> int:
+    """Representative of the set that holds `i`, halving the path on the way (Tarjan and van Leeuwen 1984)."""
+    while parent[i] != i:
+        parent[i] = parent[parent[i]]
+        i = parent[i]
+    return i
+
+
+@njit(cache=True, nogil=True)
+def _joined(
+    xyz: NDArray[np.float32],
+    starts: NDArray[np.int64],
+    keys: NDArray[np.int64],
+    table: NDArray[np.int32],
+    tolerance: float,
+) -> NDArray[np.int64]:
+    """Root of each cell after joining all cells that hold points within the tolerance of each other."""
+    cells = len(keys)
+    parent = np.arange(cells)
+    boxes = _boxes(xyz, starts)
+    limit = np.float32(tolerance) * np.float32(tolerance)
+    for step in _STEPS:
+        jump = step[0] + (step[1] << 21) + (step[2] << 42)
+        for here in range(cells):
+            there = cell_at(keys, table, keys[here] + jump)
+            if there < 0:
+                continue
+            mine, other = _root(parent, here), _root(parent, there)
+            if mine == other or _box_gap(boxes[here], boxes[there]) > limit:
+                continue
+            if _touch(xyz, starts[here], starts[here + 1], starts[there], starts[there + 1], boxes[there], limit):
+                parent[max(mine, other)] = min(mine, other)
+    for cell in range(cells):
+        parent[cell] = _root(parent, cell)
+    return parent
+
+
+@njit(cache=True, nogil=True)
+def _boxes(xyz: NDArray[np.float32], starts: NDArray[np.int64]) -> NDArray[np.float32]:
+    """Bounding box of the points of each cell: (C, 6) low x y z, high x y z."""
+    boxes = np.empty((len(starts) - 1, 6), np.float32)
+    for cell in range(len(boxes)):
+        for axis in range(3):
+            low = high = xyz[starts[cell], axis]
+            for i in range(starts[cell] + 1, starts[cell + 1]):
+                low, high = min(low, xyz[i, axis]), max(high, xyz[i, axis])
+            boxes[cell, axis], boxes[cell, 3 + axis] = low, high
+    return boxes
+
+
+@njit(cache=True, nogil=True)
+def _box_gap(a: NDArray[np.float32], b: NDArray[np.float32]) -> Any:
+    """Squared distance of two boxes."""
+    zero = np.float32(0)
+    x = max(zero, a[0] - b[3], b[0] - a[3])
+    y = max(zero, a[1] - b[4], b[1] - a[4])
+    z = max(zero, a[2] - b[5], b[2] - a[5])
+    return x * x + y * y + z * z
+
+
+@njit(cache=True, nogil=True)
+def _touch(
+    xyz: NDArray[np.float32], first: int, last: int, other_first: int, other_last: int, box: Any, limit: Any
+) -> bool:
+    """True where a point of one stretch lies within the limit (squared) of a point of the other, which `box` bounds."""
+    zero = np.float32(0)
+    for i in range(first, last):
+        x, y, z = xyz[i, 0], xyz[i, 1], xyz[i, 2]
+        gap_x = max(zero, box[0] - x, x - box[3])
+        gap_y = max(zero, box[1] - y, y - box[4])
+        gap_z = max(zero, box[2] - z, z - box[5])
+        if gap_x * gap_x + gap_y * gap_y + gap_z * gap_z > limit:
+            continue
+        for j in range(other_first, other_last):
+            dx, dy, dz = x - xyz[j, 0], y - xyz[j, 1], z - xyz[j, 2]
+            if dx * dx + dy * dy + dz * dz <= limit:
+                return True
+    return False
+
+
+@njit(cache=True, nogil=True)
+def _roots_of_points(
+    root_of_cell: NDArray[np.int64],
+    starts: NDArray[np.int64],
+    order: NDArray[np.int64],
+    index: NDArray[np.int64],
+    count: int,
+) -> NDArray[np.int32]:
+    """For each of `count` points the root of its cluster, any number below `count`, -1 without."""
+    root = np.full(count, -1, np.int32)
+    for cell in range(len(root_of_cell)):
+        for place in range(starts[cell], starts[cell + 1]):
+            root[index[order[place]]] = root_of_cell[cell]
+    return root
+
+
+@njit(cache=True, nogil=True)
+def _image_roots(
+    words: NDArray[np.float32], layout: Layout, width: int, mask: NDArray[np.bool_], gap: float
+) -> NDArray[np.int32]:
+    """Root pixel of each pixel's component, -1 outside the mask and at holes."""
+    step, at_x, at_y, at_z = layout
+    parent = np.empty(len(mask), np.int64)
+    limit = np.float32(gap) * np.float32(gap)
+    for i in range(len(mask)):
+        x, y, z = words[step * i + at_x], words[step * i + at_y], words[step * i + at_z]
+        parent[i] = i if mask[i] and math.isfinite(x) and math.isfinite(y) and math.isfinite(z) else -1
+        if parent[i] < 0:
+            continue
+        for back in (1, width):
+            j = i - back
+            if j < 0 or parent[j] < 0 or (back == 1 and i % width == 0):
+                continue
+            dx, dy, dz = x - words[step * j + at_x], y - words[step * j + at_y], z - words[step * j + at_z]
+            if dx * dx + dy * dy + dz * dz <= limit:
+                mine, other = _root(parent, i), _root(parent, j)
+                parent[max(mine, other)] = min(mine, other)
+    root = np.full(len(mask), -1, np.int32)
+    for i in range(len(mask)):
+        if parent[i] >= 0:
+            root[i] = _root(parent, i)
+    return root
+
+
+@njit(cache=True, nogil=True)
+def _numbered(root: NDArray[np.int32], least: int, most: int) -> NDArray[np.int32]:
+    """Roots to cluster numbers, the largest first; too small and too large ones to -1."""
+    sizes = np.zeros(len(root), np.int64)
+    first = np.full(len(root), -1, np.int64)
+    used = 0
+    found = np.empty(len(root), np.int64)
+    for i in range(len(root)):
+        if root[i] >= 0:
+            if first[root[i]] < 0:
+                first[root[i]] = i
+                found[used] = root[i]
+                used += 1
+            sizes[root[i]] += 1
+    order = np.argsort(-sizes[found[:used]], kind="mergesort")
+    number = np.full(len(root), -1, np.int32)
+    clusters = 0
+    for k in order:
+        if least <= sizes[found[k]] <= most:
+            number[found[k]] = clusters
+            clusters += 1
+    for i in range(len(root)):
+        if root[i] >= 0:
+            root[i] = number[root[i]]
+    return root
+
+
+def warm_up() -> None:
+    """Compile the kernels of this file."""
+    from zsight_core.plane import plane_through
+    from zsight_core.points import from_xyz
+
+    points = from_xyz(np.zeros((2, 2, 3)))
+    euclidean_clusters(points, 0.1)
+    clusters_above(points, plane_through([0, 0, 1], [0, 0, 1]), 0.5, 2.0, 0.1)
+    image_clusters(points, np.ones((2, 2), np.bool_), 0.1)

@@ -1,0 +1,155 @@
+"""Points sorted into the cells of a grid, so that what lies near a point is found without looking at all."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numba import njit
+
+from zsight_core.errors import GeometryError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from zsight_core.words import Words
+
+__all__ = ["NeighbourGrid", "cell_at", "cell_key", "cell_of", "finite_points", "grid_of", "warm_up"]
+
+_REACH = 2**20
+"""Cell numbers along an axis lie in -REACH .. REACH-1, so that three of them fit one 64-bit key."""
+
+
+@dataclass(frozen=True)
+class NeighbourGrid:
+    """Cells in the order of their first point.
+
+    ``xyz`` float32 (N, 3), cell after cell; ``order`` int64 (N,) which of the points given each of them is; ``starts``
+    int64 (C + 1,) where each cell begins; ``keys`` int64 (C,) `cell_key` of each; ``table`` int32, an open hash table
+    of cell numbers, -1 where free, its length a power of two; ``edge`` metres.
+    """
+
+    xyz: NDArray[np.float32]
+    order: NDArray[np.int64]
+    starts: NDArray[np.int64]
+    keys: NDArray[np.int64]
+    table: NDArray[np.int32]
+    edge: float
+
+    @property
+    def cells(self) -> int:
+        """How many cells hold a point."""
+        return len(self.keys)
+
+
+def grid_of(xyz: NDArray[np.float32], edge: float) -> NeighbourGrid:
+    """Sort points into cells.
+
+    Args:
+        xyz: (N, 3), finite, metres.
+        edge: of a cell, metres.
+
+    Raises:
+        GeometryError: a point lies 2^20 cells or more from the origin.
+    """
+    keys, cell, table = _cells_of(xyz, 1.0 / edge)
+    if len(keys) == 1 and keys[0] < 0:
+        raise GeometryError(f"cells of {edge} m are too small for coordinates up to {np.abs(xyz).max():g} m")
+    starts, order, ordered = _sorted_into(xyz, cell, len(keys))
+    return NeighbourGrid(ordered, order, starts, keys, table, edge)
+
+
+def finite_points(cloud: Words) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
+    """Finite points (N, 3) of a cloud and their numbers (N,) in it."""
+    rows = cloud.words.reshape(-1, cloud.layout[0])[:, list(cloud.layout[1:])]
+    index = np.flatnonzero(np.isfinite(rows).all(axis=1))
+    return np.ascontiguousarray(rows[index]), index
+
+
+@njit(cache=True, nogil=True)
+def cell_key(x: int, y: int, z: int) -> int:
+    """One number for a cell, x fastest."""
+    return ((z + _REACH) << 42) | ((y + _REACH) << 21) | (x + _REACH)
+
+
+@njit(cache=True, nogil=True)
+def cell_of(coordinate: float, inverse: float) -> int:
+    """Number of a cell along an axis; `inverse` of the edge."""
+    return int(np.floor(coordinate * inverse))
+
+
+@njit(cache=True, nogil=True)
+def cell_at(keys: NDArray[np.int64], table: NDArray[np.int32], key: int) -> int:
+    """The cell with this key, -1 where it holds no point."""
+    return int(table[_place(keys, table, key)])
+
+
+@njit(cache=True, nogil=True)
+def _place(keys: NDArray[np.int64], table: NDArray[np.int32], key: int) -> int:
+    """Where the key stands in the table, or the free place where it belongs."""
+    mask = len(table) - 1
+    place: int = int(np.int64((np.uint64(key) * np.uint64(0x9E3779B97F4A7C15)) >> np.uint64(33))) & mask
+    while table[place] >= 0 and keys[table[place]] != key:
+        place = (place + 1) & mask
+    return place
+
+
+@njit(cache=True, nogil=True)
+def _cells_of(
+    xyz: NDArray[np.float32], inverse: float
+) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.int32]]:
+    """Keys of the cells, the cell of each point, and the table; a single key of -1 where a point is out of reach."""
+    cell = np.empty(len(xyz), np.int32)
+    capacity = 1024
+    keys, table = np.empty(capacity, np.int64), np.full(2 * capacity, -1, np.int32)
+    used = 0
+    before, at = -1, np.int32(-1)
+    for i in range(len(xyz)):
+        x, y, z = np.floor(xyz[i, 0] * inverse), np.floor(xyz[i, 1] * inverse), np.floor(xyz[i, 2] * inverse)
+        if not abs(x) + abs(y) + abs(z) < _REACH:
+            return np.full(1, -1, np.int64), cell, table
+        key = cell_key(int(x), int(y), int(z))
+        if key != before:
+            if used == capacity:
+                capacity *= 2
+                more = np.empty(capacity, np.int64)
+                more[:used] = keys
+                keys, table = more, np.full(2 * capacity, -1, np.int32)
+                for known in range(used):
+                    table[_place(keys, table, keys[known])] = known
+            place = _place(keys, table, key)
+            if table[place] < 0:
+                table[place] = used
+                keys[used] = key
+                used += 1
+            before, at = key, table[place]
+        cell[i] = at
+    return keys[:used].copy(), cell, table
+
+
+@njit(cache=True, nogil=True)
+def _sorted_into(
+    xyz: NDArray[np.float32], cell: NDArray[np.int32], cells: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float32]]:
+    """Where each cell begins; which point stands where; the points in that order."""
+    starts = np.zeros(cells + 1, np.int64)
+    for i in range(len(cell)):
+        starts[cell[i] + 1] += 1
+    for c in range(cells):
+        starts[c + 1] += starts[c]
+    free = starts[:-1].copy()
+    order, ordered = np.empty(len(cell), np.int64), np.empty((len(cell), 3), np.float32)
+    for i in range(len(cell)):
+        place = free[cell[i]]
+        free[cell[i]] += 1
+        order[place] = i
+        ordered[place, 0], ordered[place, 1], ordered[place, 2] = xyz[i, 0], xyz[i, 1], xyz[i, 2]
+    return starts, order, ordered
+
+
+def warm_up() -> None:
+    """Compile the kernels of this file."""
+    grid = grid_of(np.zeros((2, 3), np.float32), 1.0)
+    cell_at(grid.keys, grid.table, cell_key(0, 0, 0))
+    cell_of(0.5, 1.0)
