@@ -37,6 +37,8 @@ from zsight_protocol.message import Message, Time
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from pydantic import JsonValue
+
     from zsight.bus import Bus, RawRequest
 
 __all__ = ["ActionServer", "GoalHandle", "Policy", "Work"]
@@ -102,7 +104,7 @@ class Work(Protocol[Goal, Result]):
 
 @dataclass(eq=False)
 class GoalHandle(Generic[Goal, Result]):
-    """A goal on the server."""
+    """A goal on the server; ``notes`` is what is known so far, for an answer that must be given early."""
 
     goal: Goal
     goal_id: str
@@ -113,6 +115,7 @@ class GoalHandle(Generic[Goal, Result]):
     ended: float | None = None
     stage: str = ""
     fraction: float = 0.0
+    notes: dict[str, JsonValue] = field(default_factory=dict)
     result: Result | None = None
     deadline_passed: bool = False
     requests: list[RawRequest] = field(default_factory=list)

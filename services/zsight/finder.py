@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import logging
 import threading
 import time
@@ -118,7 +119,16 @@ class FindObject:
         if goal.camera not in ("", self._settings.camera):
             wrong = f"this finder reads camera {self._settings.camera}, not {goal.camera}"
             return self._no_answer(ResultCode.CODE_NOT_RECOGNISED, wrong)
-        return None
+        return self._refuse_frame(goal.frame_id)
+
+    def _refuse_frame(self, frame: str) -> FindObjectResult | None:
+        """A frame that nobody has told of is refused, as soon as any frame is known."""
+        known = self._buffer.frames()
+        if not frame or not known or frame in known:
+            return None
+        near = difflib.get_close_matches(frame, known, n=3, cutoff=0.5)
+        hint = f"did you mean {' or '.join(near)}?" if near else f"known are {', '.join(sorted(known))}"
+        return self._no_answer(ResultCode.CODE_NOT_RECOGNISED, f"no frame is called {frame!r}: {hint}")
 
     def busy(self, goal: FindObjectGoal) -> FindObjectResult:
         """No room."""
@@ -130,7 +140,8 @@ class FindObject:
         """Cancelled, or too late."""
         if handle.deadline_passed:
             words = f"deadline of {handle.goal.timeout:g} s passed at stage {handle.stage}"
-            return self._no_answer(ResultCode.NOT_FOUND, words, deadline_passed=True)
+            known = self._no_answer(ResultCode.NOT_FOUND, words, deadline_passed=True)
+            return known.model_copy(update={"report": dict(handle.notes)})
         return self._no_answer(ResultCode.CANCELLED, f"cancelled at stage {handle.stage}")
 
     def failed(self, goal: FindObjectGoal, error: Exception) -> FindObjectResult:
@@ -147,9 +158,15 @@ class FindObject:
         if cloud is None:
             return self._no_cloud(handle)
         waited = time.monotonic() - started
+        handle.notes |= {
+            "object_type": goal.object_type,
+            "camera": self._settings.camera,
+            "stamp_ns": cloud.header.stamp.ns,
+        }
         frame, T_frame_camera = self._frame_for(handle, cloud)
         kind = self._catalogue.resolve(goal.object_type)
         scene = self._scene_of(cloud, goal.known_height, handle)
+        handle.notes |= {"supports": len(scene.supports), "segments": len(scene.segments)}
         answer = finding.find(
             points_of(cloud),
             self._catalogue,

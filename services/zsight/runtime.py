@@ -53,7 +53,8 @@ def version() -> str:
 def host_name() -> str:
     """This host's name as it stands in keys."""
     name = os.environ.get("ZSIGHT_HOST") or socket.gethostname()
-    return "".join(c if (c.isascii() and c.isalnum()) or c in "-_." else "-" for c in name.lower()).strip(".-") or "host"
+    legal = "".join(c if (c.isascii() and c.isalnum()) or c in "-_." else "-" for c in name.lower())
+    return legal.strip(".-") or "host"
 
 
 def start_logging(process: str) -> None:
