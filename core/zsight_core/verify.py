@@ -52,6 +52,8 @@ class Evidence(NamedTuple):
     """Pixels; root mean square distance between drawn and measured outline."""
     worst_side: float
     """Largest share, over the eight ways an outline may face, of samples that say no: one side of it is not there."""
+    shift: float
+    """Metres; how far the middle one of the patches is before or behind: the surface is elsewhere as a whole."""
     bias: float
     """Pixels; how far the measured outline is outside of the drawn one on average: what stands there is larger."""
 
@@ -159,8 +161,8 @@ def _count_many(
     most: int,
     tolerance: float,
 ) -> NDArray[np.float64]:
-    """The numbers of Evidence (N, 16)."""
-    counts = np.empty((len(bases), 16))
+    """The numbers of Evidence (N, 17)."""
+    counts = np.empty((len(bases), 17))
     for i in range(len(bases)):
         T_optical_support = T_optical_supports[supports[i]]
         T = T_optical_support @ T_support_models[i]
@@ -184,8 +186,8 @@ def _count(  # noqa: C901  one compiled loop over pixels; splitting it would pas
     most: int,
     tolerance: float,
 ) -> NDArray[np.float64]:
-    """The numbers of Evidence (16,)."""
-    counts = np.zeros(16)
+    """The numbers of Evidence (17,)."""
+    counts = np.zeros(17)
     height, width = depth.shape
     placed = place(T_optical_model, vertices)
     region = region_of(placed, pinhole, most)
@@ -256,6 +258,7 @@ def _count(  # noqa: C901  one compiled loop over pixels; splitting it would pas
                 else:
                     before += square
                 number += n
+    counts[15] = _middle(blocks.reshape(-1, 3)) if number > 0 else IN_FRONT
     counts[11] = np.sqrt(behind / number) if number > 0 else IN_FRONT
     counts[12] = np.sqrt(before / number) if number > 0 else IN_FRONT
     ground = np.empty(4)
@@ -285,10 +288,29 @@ def _count(  # noqa: C901  one compiled loop over pixels; splitting it would pas
     for k in range(8):
         if sides[k, 0] >= 4:
             counts[14] = max(counts[14], (sides[k, 1] + 0.5) / (sides[k, 0] + 1))
-    counts[15] = out / max(measured, 1)
+    counts[16] = out / max(measured, 1)
     for k in range(7):
         counts[k] *= step * step
     return counts
+
+
+@njit(cache=True, nogil=True)
+def _middle(blocks: NDArray[np.float64]) -> float:
+    """Absolute median of the blocks' mean residuals, weighted by pixels; blocks (N, 3): pixels, sum, squares."""
+    means, weights, total = np.empty(len(blocks)), np.empty(len(blocks)), 0.0
+    count = 0
+    for k in range(len(blocks)):
+        if blocks[k, 0] >= 4:
+            means[count], weights[count] = blocks[k, 1] / blocks[k, 0], blocks[k, 0]
+            total += blocks[k, 0]
+            count += 1
+    order = np.argsort(means[:count])
+    left = total / 2
+    for k in order:
+        left -= weights[k]
+        if left <= 0:
+            return float(abs(means[k]))
+    return 0.0
 
 
 def warm_up() -> None:

@@ -13,7 +13,7 @@ from zsight_core.verify import Evidence
 
 GOOD = Evidence(
     pixels=2000, match=1950, through=0, proud=0, hidden=0, unknown=50, beyond=0, edge=50, goes_on=0, nothing=0,
-    edge_hidden=2, sunk=0.0002, raised=0.0002, offset=0.6, worst_side=0.05, bias=0.1,
+    edge_hidden=2, sunk=0.0002, raised=0.0002, offset=0.6, worst_side=0.05, shift=0.0001, bias=0.1,
 )  # fmt: skip
 
 
@@ -33,6 +33,7 @@ def test_a_good_fit_is_probable() -> None:
         {"bias": 2.0, "offset": 2.0},
         {"edge_hidden": 200.0},
         {"worst_side": 0.9},
+        {"shift": 0.004},
     ],
 )
 def test_what_speaks_against_it_makes_it_less_probable(worse: dict[str, float]) -> None:
