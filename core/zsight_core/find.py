@@ -37,6 +37,12 @@ __all__ = ["Answer", "Detection", "find", "warm_up"]
 
 Status = Literal["found", "not_found", "cannot_tell"]
 
+ON_SURFACE, ON_TOP, ON_NOTHING = 2e-5, 0.0015, 0.004
+"""Metres by which the height of a foot may be off on the surface, on a top that is seen, and on what is not seen."""
+
+HANDICAP = 1.5
+"""Logarithm of odds that something has to make up for when nothing is seen that it could stand on."""
+
 BOX_MARGIN = 0.01
 """Metres around a detection's box that still count as of it."""
 
@@ -340,7 +346,7 @@ class _Search:
                 self.checkpoint("refine", number / len(best))
             hypothesis, information = self._refine(solid, guess, pixels=900, steps=8)
             evidence = self._look(solid, hypothesis)
-            candidates.append(Candidate(hypothesis, evidence, information, probability_of(evidence)))
+            candidates.append(Candidate(hypothesis, evidence, information, _probability(hypothesis, evidence)))
         self.report["timings_ms"][model.name] = (perf_counter() - start) * 1e3
         return candidates
 
@@ -379,7 +385,7 @@ class _Search:
             return candidate
         hypothesis, information = self._refine(solid, candidate.hypothesis, pixels=3000, steps=14)
         evidence = self._look(solid, hypothesis)
-        return Candidate(hypothesis, evidence, information, probability_of(evidence))
+        return Candidate(hypothesis, evidence, information, _probability(hypothesis, evidence))
 
     def _look(self, solid: Solid, guess: Hypothesis, most: int = 4000, tolerance: float = 0.002) -> Evidence:
         view = self.scene.view
@@ -401,7 +407,7 @@ class _Search:
         self, solid: Solid, guess: Hypothesis, pixels: int, steps: int
     ) -> tuple[Hypothesis, NDArray[np.float64]]:
         view = self.scene.view
-        loose = np.array([0.03, 0.03, 0.0005 if guess.base == 0 else 0.004, 0.5 if guess.turns else 1e-5])
+        loose = np.array([0.03, 0.03, _play(guess), 0.5 if guess.turns else 1e-5])
         T, information = refine.fit(
             view.depth,
             view.pinhole,
@@ -548,6 +554,18 @@ def _apart(T_a: NDArray[np.float64], T_b: NDArray[np.float64]) -> NDArray[np.flo
     """x, y, height and yaw (4,) from one pose to the other."""
     R = T_b[:3, :3] @ T_a[:3, :3].T
     return np.append(T_b[:3, 3] - T_a[:3, 3], np.arctan2(R[1, 0] - R[0, 1], R[0, 0] + R[1, 1]))
+
+
+def _play(guess: Hypothesis) -> float:
+    """Standard deviation of its foot's height, metres: known from the surface, measured on a top, or guessed."""
+    if guess.base == 0:
+        return ON_SURFACE
+    return ON_TOP if guess.carried else ON_NOTHING
+
+
+def _probability(hypothesis: Hypothesis, evidence: Evidence) -> float:
+    """How likely (0..1) it is there; less so on something that is not seen."""
+    return probability_of(evidence, 0.0 if hypothesis.carried else HANDICAP)
 
 
 def _footing(guess: Hypothesis) -> float:

@@ -35,9 +35,9 @@ _AGAINST: tuple[tuple[float, Callable[[Evidence], float]], ...] = (
 )
 
 
-def probability_of(evidence: Evidence) -> float:
-    """How likely (0..1) the object is there."""
-    return float(1 / (1 + np.exp(-np.clip(logit_of(evidence), -50.0, 50.0))))
+def probability_of(evidence: Evidence, handicap: float = 0.0) -> float:
+    """How likely (0..1) the object is there; the handicap, logarithm of odds, is what speaks against it besides."""
+    return float(1 / (1 + np.exp(-np.clip(logit_of(evidence) - handicap, -50.0, 50.0))))
 
 
 def logit_of(evidence: Evidence) -> float:
