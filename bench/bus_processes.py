@@ -113,7 +113,7 @@ def writer(pipe: Connection, network: Network, rate: float, height: int, width: 
 
 
 def reader(pipe: Connection, network: Network, work: float) -> None:
-    """Takes clouds and works seconds on each; tells its counts, when each was taken at which age (s, ms), how many passed."""
+    """Takes clouds, works seconds on each; tells counts, when each was taken at which age (s, ms), how many passed."""
     from zsight.convert import points_of
     from zsight.runtime import join
     from zsight_protocol.point_cloud import PointCloud2

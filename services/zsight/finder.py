@@ -6,6 +6,7 @@ import difflib
 import logging
 import threading
 import time
+from collections import OrderedDict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -39,6 +40,7 @@ __all__ = ["FindObject", "Settings", "run"]
 
 log = logging.getLogger(__name__)
 
+_STAGES = 512  # clouds whose way is remembered; no goal works on an older one
 _WAIT_STEP = 0.02  # seconds between two looks at the goal's deadline while it waits for a cloud
 _TRANSFORM_PATIENCE = 0.3  # seconds that a cloud waits for the transforms of its time
 
@@ -87,6 +89,7 @@ class FindObject:
         self._moving = bus.reader(bus.cell.tf, TransformList)
         self._newest: tuple[PointCloud2, float] | None = None
         self._came = threading.Condition()
+        self._stages: OrderedDict[int, dict[str, float]] = OrderedDict()
         self._scenes: dict[tuple[int, float | None], scene_core.Scene] = {}
         self._scene_lock = threading.Lock()
 
@@ -99,9 +102,12 @@ class FindObject:
             ).start()
 
     def _read_clouds(self, reader: Reader[PointCloud2]) -> None:
-        for cloud in reader:
+        while (received := reader.take()) is not None:
             with self._came:
-                self._newest = (cloud, time.monotonic())
+                self._newest = (received.message, time.monotonic())
+                self._stages[received.message.header.stamp.ns] = received.stages_ms()
+                if len(self._stages) > _STAGES:
+                    self._stages.popitem(last=False)
                 self._came.notify_all()
 
     def _read_transforms(self, reader: Reader[TransformList], static: bool) -> None:
@@ -197,6 +203,7 @@ class FindObject:
     ) -> FindObjectResult:
         """The result with its cloud, its times, and what seems wrong where nothing was found."""
         timings: dict[str, float] = {
+            **self._stages.get(cloud.header.stamp.ns, {}),
             "wait_for_cloud": waited * 1e3,
             "age_of_cloud": (Time.now().ns - cloud.header.stamp.ns) / 1e6,
             "in_finder": (time.monotonic() - handle.started) * 1e3,

@@ -43,6 +43,12 @@ class Received(Generic[M]):
     received_ns: int
     lost_before: int = 0
 
+    def stages_ms(self) -> dict[str, float]:
+        """How long it took from its stamp until it was sent, and from there until it was here, milliseconds."""
+        stamp, sent = stamp_ns(self.message), self.attachment.sent_ns if self.attachment is not None else None
+        stages = {} if sent is None else {"sent_to_received": (self.received_ns - sent) / 1e6}
+        return stages if sent is None or stamp is None else {"stamp_to_sent": (sent - stamp) / 1e6, **stages}
+
 
 class Reader(Generic[M]):
     """Takes messages of one kind, as the delivery of their channel says, and counts what it missed."""

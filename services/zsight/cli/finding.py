@@ -77,6 +77,8 @@ def find(
         print_json(result_json(result))
     else:
         say(describe(result))
+        if words := _way(result):
+            say(words)
     raise typer.Exit(0 if result.objects else 1)
 
 
@@ -153,6 +155,21 @@ def describe(result: FindObjectResult) -> str:
     if not result.report.get("supports", True):
         return f"{words}: no surface was seen that things could stand on"
     return f"{words} (probability of absence {result.p_absent:.3f})"
+
+
+_WAY = {
+    "stamp_to_sent": "from the stamp until sent",
+    "sent_to_received": "on the way",
+    "wait_for_cloud": "waited for the cloud",
+    "in_finder": "in the finder",
+    "age_of_cloud": "from the stamp to the answer",
+}
+
+
+def _way(result: FindObjectResult) -> str:
+    """How long each stage took from the sensor's stamp to the answer; empty where nothing was on a network."""
+    parts = [f"{result.timings_ms[name]:.1f} ms {words}" for name, words in _WAY.items() if name in result.timings_ms]
+    return ", ".join(parts)
 
 
 def _describe_one(found: DetectedObject, frame: str) -> str:

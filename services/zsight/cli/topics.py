@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import itertools
+import statistics
+import threading
 import time
+from dataclasses import dataclass, field
 from enum import Enum
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -14,8 +17,14 @@ from zsight.cli.output import print_json, print_table, say
 from zsight.errors import DeadlinePassed, NobodyAnswers
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from zsight.beats import Topic
-    from zsight.bus import Bus
+    from zsight.bus import Bus, RawSample
+    from zsight.bus.attachment import Attachment
+    from zsight_protocol.health import Health, Latency
+    from zsight_protocol.message import Message
+    from zsight_protocol.point_cloud import PointCloud2
 
 __all__ = ["app"]
 
@@ -33,13 +42,13 @@ def list_topics(json: Json = False, connect: Connect = None, namespace: Namespac
     if json:
         print_json({"topics": [_topic_json(topic) for topic in topics]})
         return
-    rows = [(t.key, len(t.writers), len(t.readers), _rate(t)) for t in topics]
-    print_table(["key", "writers", "readers", "rate"], rows)
+    rows = [(t.key, _names(t.writers), _names(t.readers), _rate(t), _missed(t)) for t in topics]
+    print_table(["key", "writers", "readers", "rate", "lost"], rows)
 
 
 @app.command()
 def info(key: Key, json: Json = False, connect: Connect = None, namespace: Namespace = None) -> None:
-    """Writers and readers of a key, with host, process, rate and losses."""
+    """Writers and readers of a key, with host, process, rate, losses, and how long each stage takes."""
     found = [topic for topic in _topics(connect, namespace) if topic.key == key]
     if not found:
         raise NobodyAnswers(f"nobody writes or reads {key}; see: zsight topic list")
@@ -48,12 +57,12 @@ def info(key: Key, json: Json = False, connect: Connect = None, namespace: Names
         return
     for beat, writer in found[0].writers:
         say(
-            f"written by {beat.host}/{beat.process}: {writer.sent} sent, {writer.rate_hz:.1f} Hz, {writer.bytes_per_second / 1e6:.1f} MB/s"
+            f"written by {beat.host}/{beat.process}: {writer.sent} sent, {writer.rate_hz:.1f} Hz, {writer.bytes_per_second / 1e6:.1f} MB/s{_stage('sent', writer.since_stamp)}"
         )
     for beat, reader in found[0].readers:
         age = "never" if reader.age_of_last is None else f"{reader.age_of_last:.2f} s ago"
         say(
-            f"read by {beat.host}/{beat.process}: {reader.received} received, {reader.superseded} superseded, {reader.lost} lost, {reader.late} late, {reader.refused} refused, {reader.rate_hz:.1f} Hz, last {age}"
+            f"read by {beat.host}/{beat.process}: {reader.received} received, {reader.superseded} superseded, {reader.lost} lost, {reader.late} late, {reader.refused} refused, {reader.rate_hz:.1f} Hz, last {age}{_stage('on the way', reader.on_the_way, since='')}{_stage('decoded', reader.since_stamp)}"
         )
 
 
@@ -83,19 +92,42 @@ def echo(
             if received is None:
                 break
             printed += 1
-            print_json(_shortened(received.message.model_dump(mode="python"))) if json else _print_words(
-                received.message
-            )
+            print_json(_told(received.message)) if json else _print_words(received.message)
     if not printed:
         raise DeadlinePassed(f"nothing came on {key}")
 
 
-def _print_words(message: Any) -> None:
+def _print_words(message: Message) -> None:
     import yaml
 
-    values = _shortened(message.model_dump(mode="python"))
-    text = yaml.safe_dump(values, sort_keys=False, allow_unicode=True, default_flow_style=None, width=120)
+    text = yaml.safe_dump(_told(message), sort_keys=False, allow_unicode=True, default_flow_style=None, width=120)
     typer.echo(f"{text}---")
+
+
+def _told(message: Message) -> dict[str, Any]:
+    """A message as it is printed; a cloud with a summary of its points."""
+    from zsight_protocol.point_cloud import PointCloud2
+
+    told: dict[str, Any] = _shortened(message.model_dump(mode="python"))
+    return told | {"summary": _summary(message)} if isinstance(message, PointCloud2) else told
+
+
+def _summary(cloud: PointCloud2) -> dict[str, Any]:
+    """How many points were measured, and between which corners they lie (metres)."""
+    import numpy as np
+
+    from zsight.convert import points_of
+
+    points = points_of(cloud)
+    if any(axis not in (points.dtype.names or ()) for axis in "xyz"):
+        return {"points": points.size}
+    axes = [points[axis] for axis in "xyz"]
+    measured = np.isfinite(axes).all(axis=0)
+    corners = {
+        name: [round(float(corner(axis[measured])), 4) for axis in axes] if measured.any() else None
+        for name, corner in (("low", np.min), ("high", np.max))
+    }
+    return {"points": points.size, "measured": int(measured.sum()), **corners}
 
 
 def _shortened(value: Any) -> Any:
@@ -121,20 +153,24 @@ def hz(
     connect: Connect = None,
     namespace: Namespace = None,
 ) -> None:
-    """How often messages come on a key; they are counted, not decoded."""
-    arrivals, _ = _count(key, count, duration, connect, namespace)
-    gaps = [(b - a) / 1e6 for (a, _), (b, _) in itertools.pairwise(arrivals)]
+    """How often messages come on a key; they are counted, not decoded, and neither slow nor fill anything."""
+    seen = _count(key, count, duration, connect, namespace)
+    gaps = [(b - a) / 1e6 for a, b in itertools.pairwise(seen.times)]
     rate = 1e3 * len(gaps) / sum(gaps) if gaps and sum(gaps) > 0 else 0.0
     report = {
         "key": key,
-        "messages": len(arrivals),
+        "messages": len(seen.times),
+        "lost": seen.lost,
         "hz": rate,
         "gap_ms_min": min(gaps, default=None),
         "gap_ms_max": max(gaps, default=None),
+        "gap_ms_deviation": statistics.pstdev(gaps) if gaps else None,
+        "on_the_way_ms": statistics.median(seen.on_the_way) if seen.on_the_way else None,
     }
-    print_json(report) if json else say(
-        f"{rate:.2f} Hz from {len(arrivals)} messages, gaps {min(gaps, default=0):.1f} to {max(gaps, default=0):.1f} ms"
-    )
+    words = f"{rate:.2f} Hz from {len(seen.times)} messages, {seen.lost} lost"
+    if gaps:
+        words += f", gaps {min(gaps):.1f} to {max(gaps):.1f} ms (deviation {statistics.pstdev(gaps):.1f})"
+    print_json(report) if json else say(words)
 
 
 @app.command()
@@ -147,41 +183,59 @@ def bw(
     namespace: Namespace = None,
 ) -> None:
     """How many bytes come on a key; they are counted, not decoded."""
-    arrivals, seconds = _count(key, count, duration, connect, namespace)
-    total = sum(size for _, size in arrivals)
-    bandwidth = total / seconds if seconds else 0.0
+    seen = _count(key, count, duration, connect, namespace)
+    # Of n messages the n - 1 gaps between them are known.
+    seconds = (seen.times[-1] - seen.times[0]) / 1e9
+    bandwidth = sum(seen.sizes[1:]) / seconds if seconds > 0 else 0.0
+    total, messages = sum(seen.sizes), len(seen.times)
     if json:
-        print_json({"key": key, "messages": len(arrivals), "bytes": total, "bytes_per_second": bandwidth})
+        print_json({"key": key, "messages": messages, "lost": seen.lost, "bytes": total, "bytes_per_second": bandwidth})
     else:
-        say(f"{bandwidth / 1e6:.2f} MB/s, {total / len(arrivals) / 1e6:.3f} MB each, {len(arrivals)} messages")
+        say(f"{bandwidth / 1e6:.2f} MB/s, {total / messages / 1e6:.3f} MB each, {messages} messages, {seen.lost} lost")
 
 
-def _count(
-    key: str, count: int, duration: float, connect: str | None, namespace: str | None
-) -> tuple[list[tuple[int, int]], float]:
-    """Arrival times (ns) and sizes (bytes) of messages on a key, and the seconds they were counted for."""
-    import threading
+@dataclass
+class _Seen:
+    """Of the messages on a key: when each came (ns), its bytes, milliseconds on the way, and how many are missing."""
 
+    times: list[int] = field(default_factory=list)
+    sizes: list[int] = field(default_factory=list)
+    on_the_way: list[float] = field(default_factory=list)
+    lost: int = 0
+
+    def add(self, size: int, attachment: Attachment | None, missing: int) -> None:
+        self.times.append(time.monotonic_ns())
+        self.sizes.append(size)
+        self.lost += missing
+        if attachment is not None:
+            self.on_the_way.append((time.time_ns() - attachment.sent_ns) / 1e6)
+
+
+def _count(key: str, count: int, duration: float, connect: str | None, namespace: str | None) -> _Seen:
+    """What comes on a key, by its sizes and attachments alone: no payload is copied out or decoded."""
+    from zsight.bus.attachment import Attachment
+    from zsight.bus.counters import ReadCounter
     from zsight.runtime import join
     from zsight_protocol.channels import Delivery
 
-    arrivals: list[tuple[int, int]] = []
-    enough = threading.Event()
+    seen, counter, enough = _Seen(), ReadCounter(key), threading.Event()
 
-    def arrived(sample: Any) -> None:
-        arrivals.append((time.monotonic_ns(), sample.size))
-        if len(arrivals) >= count:
+    def arrived(sample: RawSample) -> None:
+        if enough.is_set():
+            return
+        attachment = Attachment.unpack(sample.attachment)
+        seen.add(sample.size, attachment, counter.arrived(attachment, time.time_ns()))
+        if len(seen.times) >= count:
             enough.set()
 
     with join(network_of(connect, namespace)) as bus:
-        started = time.monotonic()
-        reader = bus.link.reader(key, Delivery.EVERY, arrived)
+        reader = bus.link.reader(key, Delivery.LATEST, arrived)
         enough.wait(duration)
-        seconds = time.monotonic() - started
+        enough.set()
         reader.close()
-    if not arrivals:
+    if not seen.times:
         raise DeadlinePassed(f"nothing came on {key} within {duration:g} s; see: zsight topic list")
-    return arrivals[:count], seconds
+    return seen
 
 
 def _topics(connect: str | None, namespace: str | None) -> list[Topic]:
@@ -196,6 +250,20 @@ def _topics(connect: str | None, namespace: str | None) -> list[Topic]:
 def _require_company(bus: Bus) -> None:
     if not bus.link.alive(bus.cell.alive("*", "*"), 1.0):
         raise NobodyAnswers(f"a router answers, but cell {bus.cell.namespace} is empty: start it with: zsight up")
+
+
+def _stage(what: str, latency: Latency | None, since: str = " after the stamp") -> str:
+    """Median and 99th percentile of a stage."""
+    return "" if latency is None else f"; {what} {latency.p50_ms:.1f} / {latency.p99_ms:.1f} ms{since}"
+
+
+def _names(ends: Sequence[tuple[Health, object]]) -> str:
+    return ", ".join(f"{beat.host}/{beat.process}" for beat, _ in ends) or "-"
+
+
+def _missed(topic: Topic) -> str:
+    """What all readers together lost or refused."""
+    return str(sum(reader.lost + reader.refused for _, reader in topic.readers))
 
 
 def _rate(topic: Topic) -> str:

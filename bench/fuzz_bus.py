@@ -1,0 +1,269 @@
+"""Mutated messages over all channels at a cell of real services: nothing may fall, grow, hang or go uncounted.
+
+A router, the voxel, planes and finder services as ``zsight run`` starts them, and a process that reads every channel.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import random
+import subprocess
+import sys
+import threading
+import time
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from bus_processes import _tell, cell, member
+
+from zsight_protocol.channels import CHANNELS, Cell, Delivery
+
+if TYPE_CHECKING:
+    from multiprocessing.connection import Connection
+
+    from zsight.bus import Bus
+    from zsight.network import Network
+    from zsight_protocol.message import Message
+
+_SERVICES = ("router", "voxel", "planes", "finder")
+_START = 90.0  # seconds for the services to be ready
+_PATIENCE = 10.0  # seconds within which every request must end
+_AT_ONCE = 200  # messages between two looks whether the reader of all channels keeps up
+
+
+def run(messages: int = 100_000, seed: int = 0) -> list[dict[str, Any]]:
+    """Rows as ``zsight bench --json`` prints them."""
+    from zsight.runtime import join
+
+    network = cell()
+    with ExitStack() as stack:
+        services = _start(stack, network)
+        bus = stack.enter_context(join(network, wait=_START))
+        _wait_for(bus, len(services))
+        tally = stack.enter_context(member(read_everything, network))
+        fuzzer = _Fuzzer(bus, random.Random(seed), tally)  # noqa: S311  mutations are no secret
+        fuzzer.fire(messages // 20)
+        before = {name: _resident(process.pid) for name, process in services.items()} | {"reader": tally.resident()}
+        fuzzer.fire(messages - messages // 20)
+        fuzzer.settle()
+        alive = {name: process.poll() is None for name, process in services.items()} | {
+            "reader": tally.process.is_alive()
+        }
+        grown = {name: _resident(process.pid) - before[name] for name, process in services.items() if alive[name]}
+        grown["reader"] = tally.resident() - before["reader"]
+        written = _written_by_services(bus)
+        counted = tally.figures()
+    return _rows(fuzzer, alive, grown, counted, written)
+
+
+def _written_by_services(bus: Bus) -> int:
+    """What the services themselves wrote on the channels that are read, where a mutated message was a legal one."""
+    from zsight.beats import ask_health
+
+    keys = {_key(bus.cell, channel.pattern) for channel in CHANNELS}
+    return sum(writer.sent for beat in ask_health(bus, 5.0) for writer in beat.writers if writer.key in keys)
+
+
+def _rows(
+    fuzzer: _Fuzzer, alive: dict[str, bool], grown: dict[str, int], counted: dict[str, Any], written: int
+) -> list[dict[str, Any]]:
+    total = {kind: sum(c[kind] for c in counted.values()) for kind in ("received", "superseded", "lost", "refused")}
+    figures = [
+        ("processes that fell", sum(not lives for lives in alive.values()), "", 0.0),
+        ("requests without an end", fuzzer.hung, f"of {fuzzer.asked}", 0.0),
+        ("messages not accounted for", abs(fuzzer.sent + written - sum(total.values())), f"of {fuzzer.sent}", 0.0),
+        ("greatest growth of a process", max(grown.values()) / 2**20, "MiB", 8.0),
+    ]
+    about = {"fates": total, "growth_mib": {name: round(size / 2**20, 2) for name, size in grown.items()}}
+    return [
+        {"name": name, "value": round(float(value), 3), "unit": unit, "peer": None, "peer_value": None, "ratio": None}
+        | {"target": target, "holds": value <= target, **about}
+        for name, value, unit, target in figures
+    ]
+
+
+def _start(stack: ExitStack, network: Network) -> dict[str, subprocess.Popen[bytes]]:
+    services = {}
+    for name in _SERVICES:
+        command = [sys.executable, "-m", "zsight", "run", name]
+        process = subprocess.Popen(command, env=os.environ | network.environment(), stderr=subprocess.DEVNULL)
+        stack.callback(process.wait)
+        stack.callback(process.terminate)
+        services[name] = process
+    return services
+
+
+def _wait_for(bus: Bus, services: int) -> None:
+    deadline = time.monotonic() + _START
+    while len(bus.link.alive(bus.cell.alive("*", "*"), 1.0)) < services:
+        if time.monotonic() > deadline:
+            raise TimeoutError(f"the services are not ready after {_START:g} s")
+        time.sleep(0.1)
+
+
+def _resident(pid: int) -> int:
+    words = Path(f"/proc/{pid}/statm").read_text(encoding="ascii").split()
+    return (int(words[1]) - int(words[2])) * 4096
+
+
+def read_everything(pipe: Connection, network: Network) -> None:
+    """Reads every channel that is not asked; tells what each reader counted, by pattern."""
+    from zsight.runtime import join
+
+    bus = join(network)
+    readers = {}
+    for channel in CHANNELS:
+        if channel.message is not None and channel.delivery is not Delivery.REQUEST:
+            reader = bus.reader(_key(bus.cell, channel.pattern), channel.message, delivery=channel.delivery)
+            readers[channel.pattern] = reader
+            threading.Thread(target=lambda reader=reader: [None for _ in reader], daemon=True).start()
+    _tell(pipe, lambda: {name: reader.counter.health().model_dump() for name, reader in readers.items()})
+    threading.Event().wait()
+
+
+def _key(cell: Cell, pattern: str) -> str:
+    names = {"find_object/*": "finder", "catalog/*": "toy_block", "@health/*/*": "fuzz"}
+    start = "/".join(pattern.split("/")[:2]) if not pattern.startswith("@") else pattern
+    return f"{cell.namespace}/{pattern.replace('*', names.get(start, 'kinect'))}"
+
+
+class _Fuzzer:
+    def __init__(self, bus: Bus, rng: random.Random, tally: Any) -> None:
+        self.sent = self.asked = self.hung = 0
+        self._bus, self._rng, self._tally = bus, rng, tally
+        self._legal = {channel.pattern: _legal(channel.message) for channel in CHANNELS if channel.message is not None}
+        self._channels = [channel for channel in CHANNELS if channel.message is not None]
+        self._writers: dict[str, Any] = {}
+        self._sequences: dict[str, int] = {}
+        self._open: list[tuple[Any, float]] = []
+
+    def fire(self, messages: int) -> None:
+        for number in range(messages):
+            channel = self._channels[number % len(self._channels)]
+            payload = mutated(self._legal[channel.pattern], self._rng)
+            if channel.delivery is Delivery.REQUEST:
+                self._ask(_key(self._bus.cell, channel.pattern), payload)
+            else:
+                self._put(channel.pattern, channel.delivery, payload)
+            if number % _AT_ONCE == 0:
+                self.settle()
+
+    def _put(self, pattern: str, delivery: Delivery, payload: bytes) -> None:
+        from zsight.bus.attachment import Attachment
+
+        if pattern not in self._writers:
+            self._writers[pattern] = self._bus.link.writer(_key(self._bus.cell, pattern), delivery)
+            while not self._writers[pattern].has_readers():
+                time.sleep(0.01)
+        sequence = self._sequences[pattern] = self._sequences.get(pattern, 0) + 1
+        attachment = Attachment(hash(pattern) % 2**64, sequence, time.time_ns()).pack()
+        if self._rng.random() < 0.05 and sequence > 1:  # beside the numbering: the next message must show no gap
+            attachment = mutated(attachment, self._rng)
+            attachment = attachment if len(attachment) != 24 else attachment[:-1]
+            self._sequences[pattern] -= 1
+        self._writers[pattern].put(payload, b"", attachment)
+        self.sent += 1
+
+    def _ask(self, key: str, payload: bytes) -> None:
+        self.asked += 1
+        self._open.append((self._bus.ask(key, payload, _PATIENCE), time.monotonic()))
+
+    def settle(self) -> None:
+        """Wait until every request has ended and the reader of all channels has caught up."""
+        from zsight.errors import ZsightError
+
+        for replies, since in self._open:
+            try:
+                replies.take(since + _PATIENCE - time.monotonic())
+            except TimeoutError:
+                self.hung += 1
+            except ZsightError:
+                pass  # refused with words: an end like any other
+            replies.close()
+        self._open.clear()
+        deadline = time.monotonic() + _PATIENCE
+        while time.monotonic() < deadline:
+            counts = self._tally.figures().values()
+            if sum(c["received"] + c["superseded"] + c["lost"] + c["refused"] for c in counts) >= self.sent:
+                return
+            time.sleep(0.005)
+
+
+def mutated(data: bytes, rng: random.Random) -> bytes:
+    """Some bytes changed, cut out, put in or repeated."""
+    changed = bytearray(data)
+    for _ in range(rng.choice((1, 1, 2, 4, 16))):
+        at = rng.randrange(len(changed) + 1)
+        kind = rng.randrange(5)
+        if kind == 0 and at < len(changed):
+            changed[at] ^= 1 << rng.randrange(8)
+        elif kind == 1:
+            changed[at : at + 1] = bytes([rng.choice((0, 1, 0x7F, 0x80, 0xC0, 0xC6, 0xDD, 0xDF, 0xFF))])
+        elif kind == 2:
+            del changed[at : at + rng.randrange(1, 9)]
+        elif kind == 3:
+            changed[at:at] = rng.randbytes(rng.randrange(1, 9))
+        else:
+            changed[at:at] = changed[at : at + rng.randrange(1, 33)]
+    return bytes(changed)
+
+
+def _legal(kind: type[Message] | None) -> bytes:
+    """The bytes of a legal message of a kind, with as much in it as can be mutated."""
+    from zsight_protocol import action, camera_info, find_object, geometry, health, object_type, point_cloud
+    from zsight_protocol.codec import encode
+    from zsight_protocol.message import Header, Time
+
+    header = Header(stamp=Time.now(), frame_id="camera_optical_frame")
+    goal = action.new_goal_id()
+    fields = tuple(
+        point_cloud.PointField(name=name, offset=4 * i, datatype=point_cloud.Datatype.FLOAT32)
+        for i, name in enumerate(("x", "y", "z", "rgb"))
+    )
+    step = geometry.TransformStamped(header=header, child_frame_id="camera", transform=geometry.Transform())
+    legal: list[Message] = [
+        point_cloud.PointCloud2(
+            header=header, height=4, width=8, fields=fields, is_bigendian=False, point_step=16, row_step=128,
+            is_dense=True, data=bytes(range(256)) * 2,
+        ),
+        camera_info.CameraInfo(header=header, height=4, width=8, k=(1.0,) * 9, r=(1.0,) * 9, p=(1.0,) * 12),
+        geometry.Plane(
+            header=header, normal=geometry.Vector3(z=1.0), distance=-1.0, pose=geometry.Pose(), inliers=9,
+            tolerance=0.01, rms=0.001,
+        ),
+        geometry.TransformList(transforms=(step, step)),
+        find_object.FindObjectGoal(goal_id=goal, object_type="toy_block", timeout=0.05),
+        action.CancelRequest(goal_id=goal),
+        action.ResultRequest(goal_id=goal),
+        action.GoalStatusList(server="finder"),
+        action.Update[find_object.FindObjectResult](goal_id=goal, state=action.GoalState.EXECUTING, final=False),
+        object_type.CatalogRequest(action="get", name="toy_block"),
+        health.Health(
+            header=header, host="host", process="fuzz", service="voxel", pid=1, version="0", started=Time.now(),
+            level=health.Level.OK,
+        ),
+    ]  # fmt: skip
+    return next(encode(message) for message in legal if type(message) is kind)
+
+
+def main() -> None:
+    """Print the rows."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--json", action="store_true", help="one JSON object on stdout")
+    parser.add_argument("--messages", type=int, default=100_000)
+    arguments = parser.parse_args()
+    started = time.monotonic()
+    rows = run(arguments.messages)
+    if arguments.json:
+        print(json.dumps({"rows": rows}))
+        return
+    for row in rows:
+        print(f"{row['name']:32} {row['value']:10} {row['unit']:12} target {row['target']} {row['holds']}")
+    print(rows[0]["fates"], rows[0]["growth_mib"], f"{time.monotonic() - started:.0f} s")
+
+
+if __name__ == "__main__":
+    main()
