@@ -1,0 +1,56 @@
+"""The bus between real processes: a reader that stands still, a busy machine, a soak, mutated messages."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+BENCH = Path(__file__).resolve().parents[2] / "bench"
+
+pytestmark = [
+    pytest.mark.system,
+    pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="memory is read from Linux's /proc"),
+]
+
+
+def rows_of(program: str, *options: str) -> dict[str, dict[str, Any]]:
+    """What a bench measured, by name."""
+    command = [sys.executable, str(BENCH / program), "--json", *options]
+    done = subprocess.run(command, stdout=subprocess.PIPE, timeout=100, check=True)
+    return {row["name"]: row for row in json.loads(done.stdout)["rows"]}
+
+
+def failed(rows: dict[str, dict[str, Any]], *, but: tuple[str, ...] = ()) -> dict[str, dict[str, Any]]:
+    """Rows whose target does not hold, but those whose figure a busy machine spoils."""
+    return {name: row for name, row in rows.items() if row["holds"] is False and not name.startswith(but)}
+
+
+def test_a_reader_that_stands_still_disturbs_nobody_and_wakes_to_a_fresh_cloud() -> None:
+    rows = rows_of("stall.py", "--stalled", "3")
+    assert not failed(rows, but=("put p99", "oldest"))
+    assert rows["put p99 while a reader stands still"]["value"] < 100  # 15 ms is measured on a quiet machine
+    assert rows["age of the first cloud after SIGCONT"]["stopped"]["lost"] > 30
+
+
+def test_twenty_seconds_lose_nothing_and_grow_nothing() -> None:
+    rows = rows_of("soak.py", "--minutes", "0.33")
+    assert not failed(rows)
+    assert rows["fast reader: lost"]["received"] > 300
+    assert rows["slow reader: lost"]["superseded"] > 100
+
+
+def test_beside_eight_burners_every_loss_is_counted() -> None:
+    rows = rows_of("soak.py", "--minutes", "0.15", "--burners", "8")
+    assert not failed({name: row for name, row in rows.items() if name.endswith("not counted")})
+    assert rows["fast reader: lost"]["received"] > 0
+
+
+def test_mutated_messages_on_all_channels_are_counted_and_harm_nothing() -> None:
+    rows = rows_of("fuzz_bus.py", "--messages", "3000")
+    assert not failed(rows)
+    assert rows["processes that fell"]["fates"]["refused"] > 1000
