@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
-from zsight_core import contour, refine, render, verify
+from zsight_core import clues, contour, refine, render, verify
 from zsight_core import scene as scene_stage
 from zsight_core.clues import Clues, Hypothesis, clues_of
 from zsight_core.errors import ModelError
@@ -209,8 +209,9 @@ def find(
 def warm_up() -> None:
     """Compile all kernels of the finder (or load them from their cache)."""
     scene_stage.warm_up()
-    for module in (render, contour, refine, verify, box):
+    for module in (render, contour, refine, verify, clues, box):
         module.warm_up()
+    import scipy.spatial  # noqa: F401  it takes a tenth of a second, which the first query should not wait for
 
 
 class _Search:
