@@ -74,7 +74,8 @@ class DetectedObject(Message):
 
     ``score`` is the probability that an object of this type is there; ``size`` the edges of its bounding box, metres;
     ``covariance`` 6 x 6 row by row of x y z and rotation about x y z in the frame of the answer (m^2, m rad, rad^2);
-    ``visible_fraction`` the share of its silhouette that no other object hides and the image holds.
+    ``visible_fraction`` the share of its silhouette that no other object hides and the image holds;
+    ``measured_height`` from its foot to the highest points measured on it, metres, zero for a surface.
     """
 
     type: Name
@@ -84,6 +85,7 @@ class DetectedObject(Message):
     size: Tuple3
     covariance: Annotated[tuple[Float64, ...], Strict(False), Field(min_length=36, max_length=36)]
     visible_fraction: Probability
+    measured_height: Annotated[Float64, Field(ge=0)] = 0.0
     support: Support | None = None
     truncated: bool = False
     occluded: bool = False

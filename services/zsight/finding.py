@@ -114,6 +114,7 @@ def _object_of(
         size=(length, width, height),
         covariance=tuple(float(v) for v in _turned(detection.covariance, T_frame_support).ravel()),
         visible_fraction=float(np.clip(detection.visible_fraction, 0, 1)),
+        measured_height=max(float(detection.measured_height), 0.0),
         support=Support(
             point=vector(_foot(detection, T_frame_support, T_frame_camera)), normal=vector(T_frame_support[:3, 2])
         ),

@@ -7,10 +7,11 @@ import threading
 from typing import TYPE_CHECKING
 
 import pytest
+from tests.services.gated_work import Gated
 from tests.services.waiting import DEADLINE, Arrivals, soon
 
 from zsight.action_client import GoalCall, cancel
-from zsight.action_server import ActionServer, GoalHandle, Policy
+from zsight.action_server import ActionServer, Policy
 from zsight.client import CellClient
 from zsight.errors import DeadlinePassed, NobodyAnswers, RequestRefused, ServerLost, UsageError
 from zsight_protocol.action import (
@@ -23,8 +24,7 @@ from zsight_protocol.action import (
     new_goal_id,
 )
 from zsight_protocol.codec import decode, encode
-from zsight_protocol.find_object import FindObjectGoal, FindObjectResult, ResultCode, Status
-from zsight_protocol.message import Header
+from zsight_protocol.find_object import FindObjectGoal, FindObjectResult
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -32,43 +32,6 @@ if TYPE_CHECKING:
     from zsight.bus import Bus, RawRequest, Reader
 
     Join = Callable[[], Bus]
-    Handle = GoalHandle[FindObjectGoal, FindObjectResult]
-
-
-def result(message: str, code: ResultCode = ResultCode.FOUND) -> FindObjectResult:
-    return FindObjectResult(header=Header(), code=code, status=Status.CANNOT_TELL, message=message)
-
-
-class Gated:
-    """Work that goes on until its gate is opened, and counts how often it was done."""
-
-    def __init__(self) -> None:
-        self.gate = threading.Event()
-        self.runs: list[str] = []
-        self.error: Exception | None = None
-
-    def refuse(self, goal: FindObjectGoal) -> FindObjectResult | None:
-        return result("no", ResultCode.CODE_NOT_RECOGNISED) if goal.object_type == "unknown" else None
-
-    def busy(self, goal: FindObjectGoal) -> FindObjectResult:
-        del goal
-        return result("busy", ResultCode.BUSY)
-
-    def execute(self, handle: Handle) -> FindObjectResult:
-        self.runs.append(handle.goal_id)
-        if self.error is not None:
-            raise self.error
-        handle.checkpoint("waiting", 0.5)
-        while not self.gate.wait(0.002):
-            handle.checkpoint("waiting", 0.5)
-        return result("done")
-
-    def stopped(self, handle: Handle) -> FindObjectResult:
-        return result("deadline" if handle.deadline_passed else "stopped", ResultCode.CANCELLED)
-
-    def failed(self, goal: FindObjectGoal, error: Exception) -> FindObjectResult:
-        del goal
-        return result(str(error), ResultCode.NOT_FOUND)
 
 
 class Bench:

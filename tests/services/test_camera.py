@@ -30,6 +30,9 @@ if TYPE_CHECKING:
     Join = Callable[[], Bus]
 
 
+pytestmark = pytest.mark.usefixtures("warm_kernels")
+
+
 def files(folder: Path, *numbers: int) -> str:
     for number in numbers:
         pcd.write(folder / f"{number}.pcd", from_xyz(np.full((1, 2, 3), number)))

@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 
     Join = Callable[[], Bus]
 
+pytestmark = pytest.mark.usefixtures("warm_kernels")
+
 T_WORLD_BLOCK = from_rpy((0.5, -0.35, 0.7922), (0, 0, 0.43))
 FRAME = "kinect_pc_frame"
 

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from zsight_core.points import Points
     from zsight_protocol.geometry import Plane
 
+pytestmark = pytest.mark.usefixtures("warm_kernels")
+
 NORMAL = np.array([0.0, -0.8, -0.6])
 DISTANCE = -0.9
 BOX = (slice(20, 30), slice(30, 40))

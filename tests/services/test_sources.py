@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from zsight.sources import Source
     from zsight_core.points import Points
 
+pytestmark = pytest.mark.usefixtures("warm_kernels")
+
 SCENE = """\
 name: small
 camera:

@@ -22,6 +22,9 @@ if TYPE_CHECKING:
     from zsight.bus import Bus, Reader, Writer
 
 
+pytestmark = pytest.mark.usefixtures("warm_kernels")
+
+
 @pytest.fixture
 def ends(join_memory: Callable[[], Bus]) -> Iterator[tuple[Writer[PointCloud2], Reader[PointCloud2]]]:
     """What goes into a running service, and what comes out."""

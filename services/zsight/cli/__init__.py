@@ -5,6 +5,8 @@ from __future__ import annotations
 import sys
 from typing import NoReturn
 
+import typer
+
 from zsight.cli.application import app
 from zsight.errors import ZsightError
 
@@ -13,6 +15,8 @@ __all__ = ["main"]
 
 def main() -> NoReturn:
     """Run the command and leave with its exit code; users see words, never a traceback."""
+    from pydantic import ValidationError
+
     from zsight_core.errors import CoreError
     from zsight_protocol.errors import ProtocolError
 
@@ -27,7 +31,11 @@ def main() -> NoReturn:
     except ImportError as error:
         _say_error(str(error))
         code = 2
-    except KeyboardInterrupt:
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        _say_error(f"{'.'.join(map(str, first['loc']))} is {first['input']!r}: {first['msg']}")
+        code = 2
+    except (KeyboardInterrupt, typer.Abort):
         code = 130
     except BrokenPipeError:
         code = 0

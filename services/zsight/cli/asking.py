@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from zsight.bus import Bus
 from zsight.bus.zenoh_link import open_link
-from zsight.client import CellClient
+from zsight.client import CellClient, answer_of
+from zsight.errors import GoalCancelled, ZsightError
 from zsight_protocol.channels import Cell
 from zsight_protocol.find_object import Capture
 
@@ -37,21 +39,22 @@ def ask(
 ) -> FindObjectResult:
     """The answer of a finder; Ctrl-C cancels the goal there."""
     with CellClient(Bus(open_link(network), Cell(network.namespace))) as cell:
+        call = cell.start_find(
+            object_type,
+            finder=finder,
+            frame=frame,
+            known_height=known_height,
+            region=region,
+            capture=Capture.NEW if new else Capture.LAST,
+            maximum=maximum,
+            timeout=timeout,
+        )
         try:
-            result = cell.find(
-                object_type,
-                finder=finder,
-                frame=frame,
-                known_height=known_height,
-                region=region,
-                capture=Capture.NEW if new else Capture.LAST,
-                maximum=maximum,
-                timeout=timeout,
-                on_update=(lambda _: None) if quiet or not sys.stderr.isatty() else _show,
-            )
+            result = answer_of(call.wait((lambda _: None) if quiet or not sys.stderr.isatty() else _show))
         except KeyboardInterrupt:
-            cell.cancel(finder=finder)
-            raise
+            with contextlib.suppress(ZsightError):
+                call.cancel()
+            raise GoalCancelled("cancelled") from None
         if picture is not None:
             from zsight.pictures import draw_live
 

@@ -22,7 +22,9 @@ def demo(
 ) -> None:
     """Find the toy block in a simulated scene: router, camera, voxel, planes and finder as processes, then all stopped."""
     from zsight.demonstration import demonstrate
+    from zsight.scene_file import find_scene, read
 
+    read(find_scene(scene))  # a mistake is said before kernels are compiled
     require_warm()
     result = demonstrate(scene=scene, seed=seed, picture=picture, say=say)
     if json:

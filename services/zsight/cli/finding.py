@@ -60,8 +60,10 @@ def find(
     box = _region(region)
     _require_sense(context, offline=cloud is not None)
     if cloud is not None:
+        from zsight.cli.running import require_warm
         from zsight.offline import find_in_file
 
+        require_warm()  # or the time allowed would be over before the search begins
         result = find_in_file(
             cloud, object_type, intrinsics=intrinsics, pose=camera_pose, catalogue=catalogue, known_height=known_height, region=box,
             maximum=0 if every else 1, timeout=timeout, picture=picture,
@@ -137,6 +139,7 @@ def _object_json(found: DetectedObject) -> dict[str, Any]:
         "size": list(found.size),
         "covariance": list(found.covariance),
         "visible_fraction": found.visible_fraction,
+        "measured_height": found.measured_height,
         "support": None if found.support is None else found.support.model_dump(),
         "truncated": found.truncated,
         "occluded": found.occluded,
