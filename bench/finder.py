@@ -291,6 +291,7 @@ def _missed(thing: Placed, answer: Answer, T_camera_world: NDArray[np.float64], 
         "visible": round(thing.visible, 2),
         "truncated": thing.truncated,
         "base_mm": round(thing.base * 1e3),
+        "up_in_model": [round(float(x), 2) for x in thing.T_world_model[2, :3]],
         "score": None if best is None else best["probability"],
         "answers_there": rivals,
     }
@@ -432,20 +433,15 @@ def failures(tallies: dict[tuple[Level, str], Tally]) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Print the rows as JSON or as a table; write the page's section and plots."""
+    """Print the rows as JSON or as a table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--json", action="store_true", help="one JSON object on stdout")
     parser.add_argument("--scenes", type=int, default=SCENES, help="scenes a level, half of them by each sensor")
     parser.add_argument("--train", action="store_true", help="train seeds instead of test seeds")
     parser.add_argument("--failures", action="store_true", help="also each miss and wrong answer with its seed")
-    parser.add_argument("--page", action="store_true", help="also write the section Finder of docs/performance.md")
     arguments = parser.parse_args()
     tallies, book = measure_all(TRAIN if arguments.train else TEST, arguments.scenes)
     rows = rows_of(tallies, book)
-    if arguments.page:
-        from finder_page import write
-
-        write(rows, tallies, arguments.scenes)
     if arguments.json:
         machine = {"processor": platform.processor() or platform.machine(), "system": platform.platform()}
         found = {"failures": failures(tallies)} if arguments.failures else {}
