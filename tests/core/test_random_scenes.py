@@ -36,10 +36,10 @@ def scene(level: Level, seed: int) -> RandomScene:
 
 def surface_points(placed: Placed) -> np.ndarray:
     """Points (N, 3) on the surface, world frame."""
-    solid = solid_of(placed.model.shape)
-    a, b, c = (solid.vertices[solid.faces[:, k]] for k in range(3))
-    w = np.random.default_rng(0).dirichlet((1, 1, 1), (60, 1))
-    points = np.concatenate([solid.vertices, (w[..., :1] * a + w[..., 1:2] * b + w[..., 2:] * c).reshape(-1, 3)])
+    solid, generator = solid_of(placed.model.shape), np.random.default_rng(0)
+    corners = solid.vertices[solid.faces[generator.integers(len(solid.faces), size=2000)]]
+    shares = generator.dirichlet((1, 1, 1), 2000)
+    points = np.concatenate([solid.vertices, (shares[..., np.newaxis] * corners).sum(axis=1)])
     T = placed.T_world_model
     moved: np.ndarray = points @ T[:3, :3].T + T[:3, 3]
     return moved
