@@ -8,7 +8,7 @@ all around, takes up the sensor's bias at edges, which so cancels between opposi
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numba import njit
@@ -159,7 +159,7 @@ def fit(  # noqa: C901  one compiled loop over pixels; splitting it would pass a
             g[a] -= moved[a] / (loose[a] * loose[a])
         H[4, 4] += 1.0 / (EDGE_BIAS * EDGE_BIAS)
         information = H
-        change: NDArray[np.float64] = np.linalg.solve(H, g)
+        change: NDArray[Any] = np.linalg.solve(H, g)
         size = max(abs(change[0]), abs(change[1]), abs(change[2]))
         shrink = min(1.0, 0.012 / max(size, 1e-9), 0.25 / max(abs(change[3]), 1e-9))
         for a in range(4):

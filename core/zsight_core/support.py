@@ -339,7 +339,7 @@ def _solve(moments: NDArray[np.float64]) -> NDArray[np.float64] | None:
     information = _normal_matrix(moments)
     if moments[0] < 3 or abs(np.linalg.det(information / moments[0])) < 1e-12:
         return None
-    plane: NDArray[np.float64] = np.linalg.solve(information, moments[[7, 8, 6]])
+    plane: NDArray[np.float64] = np.asarray(np.linalg.solve(information, moments[[7, 8, 6]]), dtype=np.float64)
     return plane if np.isfinite(plane).all() and np.linalg.norm(plane) > 1e-3 else None
 
 

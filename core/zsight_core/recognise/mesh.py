@@ -160,4 +160,5 @@ def _putting_down(down: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.eye(3) if cosine > 0 else np.diag([1.0, -1.0, -1.0])
     x, y, z = axis / sine
     K = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + sine * K + (1 - cosine) * K @ K
+    R: NDArray[np.float64] = np.eye(3) + sine * K + (1 - cosine) * K @ K
+    return R
