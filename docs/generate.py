@@ -1,0 +1,128 @@
+"""Writes the parts of the documentation that derive from the code: the tables of architecture.md and the settings page.
+
+Run it as ``python docs/generate.py`` after a change of a channel, a service or a setting; a test compares.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from zsight.services import SERVICES, Service
+from zsight.settings import describe
+from zsight_protocol.channels import CHANNELS, Channel
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+DOCS = Path(__file__).resolve().parent
+
+SETTINGS_HEAD = """# Settings of the services
+
+Every service takes its settings as options, `zsight run voxel --leaf 0.01`, or as entries of its table in the file that
+`zsight up FILE.toml` reads:
+
+```toml
+# two_cameras.toml
+[process.router]
+
+[process.left]
+service = "camera"
+camera = "left"
+source = "book"
+
+[process.right]
+service = "camera"
+camera = "right"
+source = "ellipse"
+
+[process.voxel]
+camera = "left"
+leaf = 0.01
+```
+
+A process is named by its table; `service` says which service it runs where the two differ. `namespace`, `connect` and
+`listen` may stand above the tables. In the file underscores take the place of the hyphens. `-` stands for a default
+of nothing.
+
+This page is made from the code by `python docs/generate.py`.
+"""
+
+
+def main() -> None:
+    """Write all generated parts."""
+    for path, text in pages().items():
+        path.write_text(text, encoding="utf-8")
+
+
+def pages() -> dict[Path, str]:
+    """Every page with generated parts, as it should be."""
+    architecture = DOCS / "architecture.md"
+    text = architecture.read_text(encoding="utf-8")
+    text = with_part(text, "channels", channel_table(CHANNELS))
+    text = with_part(text, "services", service_table(SERVICES))
+    return {architecture: text, DOCS / "reference" / "settings.md": settings_page(SERVICES)}
+
+
+def with_part(page: str, name: str, part: str) -> str:
+    """The page with the part between its two marks replaced.
+
+    Raises:
+        ValueError: the page has no such marks.
+    """
+    begin, end = f"<!-- begin {name}: made by docs/generate.py -->\n", f"<!-- end {name} -->"
+    before, found_begin, rest = page.partition(begin)
+    _, found_end, after = rest.partition(end)
+    if not found_begin or not found_end:
+        raise ValueError(f"the page has no part {name}; expected the lines {begin!r} and {end!r}")
+    return f"{before}{begin}{part}{end}{after}"
+
+
+def channel_table(channels: tuple[Channel, ...]) -> str:
+    """Table 1: every key, its message, its delivery."""
+    rows = [(f"`NS/{_readable(row.pattern)}`", _message(row), row.delivery.value) for row in channels]
+    return _table(("key", "message", "delivery"), rows)
+
+
+def _readable(pattern: str) -> str:
+    """A pattern with names in place of its stars."""
+    names = {
+        "find_object": ["FINDER"],
+        "catalog": ["TYPE"],
+        "@health": ["HOST", "PROCESS"],
+        "@alive": ["HOST", "PROCESS"],
+    }
+    stars = iter(names.get(pattern.split("/", maxsplit=1)[0], ["CAMERA"]))
+    return re.sub(r"\*", lambda _: next(stars), pattern)
+
+
+def _message(row: Channel) -> str:
+    if row.message is None:
+        return "-"
+    return row.message.__name__.replace("[", " of ").replace("]", "")
+
+
+def service_table(services: tuple[Service, ...]) -> str:
+    """Table 2: every service, its module, what it does."""
+    return _table(("name", "module", "does"), [(row.name, f"`{row.module}`", row.does) for row in services])
+
+
+def settings_page(services: tuple[Service, ...]) -> str:
+    """Every setting of every service."""
+    return SETTINGS_HEAD + "".join(_service_part(row) for row in services)
+
+
+def _service_part(row: Service) -> str:
+    rows = [(f"`--{name}`", f"`{default}`", words) for name, default, words in describe(row.settings())]
+    table = _table(("setting", "default", "meaning"), rows) if rows else "No settings.\n"
+    return f"\n## {row.name}\n\n{row.does[0].upper()}{row.does[1:]}.\n\n{table}"
+
+
+def _table(headings: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> str:
+    lines = [headings, tuple("---" for _ in headings), *rows]
+    return "".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |\n" for line in lines)
+
+
+if __name__ == "__main__":
+    main()
