@@ -12,7 +12,6 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import platform
 from collections import Counter
 from dataclasses import dataclass, field
 from functools import cache, partial
@@ -22,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from zsight.cli.benching import machine
 from zsight.object_catalogue import load, shipped_folder
 from zsight_core import find as finder
 from zsight_core import scene as scene_stage
@@ -384,7 +384,7 @@ def _row(name: str, value: float, unit: str, target: float | None, *, most: bool
     holds = None if target is None else bool(value <= target if most else value >= target)
     return {
         "name": f"finder {name}",
-        "value": round(float(value), 4),
+        "value": float(f"{value:.4g}"),
         "unit": unit,
         "peer": None,
         "peer_value": None,
@@ -443,9 +443,8 @@ def main() -> None:
     tallies, book = measure_all(TRAIN if arguments.train else TEST, arguments.scenes)
     rows = rows_of(tallies, book)
     if arguments.json:
-        machine = {"processor": platform.processor() or platform.machine(), "system": platform.platform()}
         found = {"failures": failures(tallies)} if arguments.failures else {}
-        print(json.dumps({"machine": machine, "rows": rows} | found))
+        print(json.dumps({"machine": machine(), "rows": rows} | found))
         return
     for row in rows:
         verdict = {True: "", False: "MISSED", None: "-"}[row["holds"]]
