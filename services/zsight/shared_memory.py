@@ -7,7 +7,10 @@ import os
 import sys
 from pathlib import Path
 
-__all__ = ["free_bytes", "remove_orphans"]
+if sys.platform != "win32":  # there segments vanish with their last process
+    import fcntl
+
+__all__ = ["free_bytes", "leave", "remove_orphans"]
 
 _FOLDER = Path("/dev/shm")  # noqa: S108  where Linux keeps POSIX shared memory
 
@@ -27,18 +30,44 @@ def remove_orphans(folder: Path = _FOLDER) -> int:
     Zenoh locks (flock) every segment in use and unlinks at most what its own process made, so a killed process leaves
     its segments. One that can be locked exclusively is nobody's.
     """
-    try:
-        import fcntl
-    except ImportError:  # no such locks on Windows, where segments vanish with their last process
+    return sum(_remove_unheld(path) for path in folder.glob("*.zenoh"))
+
+
+def leave(folder: Path = _FOLDER) -> int:
+    """At the very end of a process: let go of the segments it uses and remove those that nobody else does; how many.
+
+    Zenoh keeps some mapped and locked until the process is gone, and then nobody is left to remove them.
+    """
+    own = _own(folder)
+    if sys.platform == "win32":
         return 0
-    removed = 0
-    for path in folder.glob("*.zenoh"):
+    for descriptor in (descriptor for descriptors in own.values() for descriptor in descriptors):
         with contextlib.suppress(OSError):
-            descriptor = os.open(path, os.O_RDWR | os.O_NOFOLLOW)
-            try:
-                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                path.unlink()
-                removed += 1
-            finally:
-                os.close(descriptor)
-    return removed
+            fcntl.flock(descriptor, fcntl.LOCK_UN)
+    return sum(_remove_unheld(path) for path in own)
+
+
+def _own(folder: Path) -> dict[Path, list[int]]:
+    """The segments that this process has open, with their file descriptors; none where the system does not say."""
+    own: dict[Path, list[int]] = {}
+    with contextlib.suppress(OSError):
+        for link in Path("/proc/self/fd").iterdir():
+            with contextlib.suppress(OSError):
+                path = link.readlink()
+                if path.parent == folder and path.suffix == ".zenoh":
+                    own.setdefault(path, []).append(int(link.name))
+    return own
+
+
+def _remove_unheld(path: Path) -> bool:
+    if sys.platform == "win32":
+        return False
+    with contextlib.suppress(OSError):
+        descriptor = os.open(path, os.O_RDWR | os.O_NOFOLLOW)
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            path.unlink()
+            return True
+        finally:
+            os.close(descriptor)
+    return False

@@ -44,6 +44,10 @@ def main() -> NoReturn:
             raise
         error.show()  # type: ignore[attr-defined]  # click's usage errors print themselves
         code = 2
+    if "zenoh" in sys.modules:
+        from zsight.shared_memory import leave
+
+        leave()
     sys.exit(code if isinstance(code, int) else 0)
 
 

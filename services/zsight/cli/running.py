@@ -42,8 +42,10 @@ def run(
     if listen is not None:
         network = replace(network, listen=tuple(part.strip() for part in listen.split(",")))
     from zsight.runtime import run_service
+    from zsight.shared_memory import leave
 
     code = run_service(row, settings, process or row.name, network)
+    leave()
     # All is closed by now; taking an interpreter full of compiled kernels apart would cost most of a second more.
     sys.stdout.flush()
     sys.stderr.flush()
