@@ -43,7 +43,9 @@ def clouds(scratch: Path) -> list[BenchCloud]:
         "milk": DATA / "pcl" / "milk_cartoon_all_small_clorox.pcd",
         "mug": DATA / "pcl" / "table_scene_mug_stereo_textured.pcd",
     }
-    found = [prepare(name, to_packed(pcd.read(path).points), scratch) for name, path in recordings.items() if path.exists()]
+    found = [
+        prepare(name, to_packed(pcd.read(path).points), scratch) for name, path in recordings.items() if path.exists()
+    ]
     return [*found, prepare("synthetic 1280x720", synthetic(), scratch)]
 
 
@@ -67,7 +69,12 @@ def synthetic(width: int = 1280, height: int = 720, seed: int = 0) -> Points:
     up = -np.array([0.0, np.cos(0.7), np.sin(0.7)]) if down is not None else down
     depth = np.full((height, width), 3.0)
     colour = np.full((height, width, 3), 120)
-    for rise, low, high, shade in [(0.0, -0.6, 0.6, 200), (0.08, -0.3, -0.1, 40), (0.15, 0.05, 0.2, 90), (0.03, 0.3, 0.5, 230)]:
+    for rise, low, high, shade in [
+        (0.0, -0.6, 0.6, 200),
+        (0.08, -0.3, -0.1, 40),
+        (0.15, 0.05, 0.2, 90),
+        (0.03, 0.3, 0.5, 230),
+    ]:
         z = (rise - 0.8) / (rays @ up)
         x, far = rays[..., 0] * z, rays @ np.cross(up, [1.0, 0, 0]) * z
         hit = (z > 0) & (z < depth) & (x > low) & (x < high) & (np.abs(far + 0.9) < (0.5 if rise == 0 else 0.1))
