@@ -2,8 +2,8 @@
 
 Every system carries the same cloud and averages it into the same voxels: ours as ``zsight run`` starts it, with its
 router, beats and validation; bare Zenoh with nothing of that; roscpp (Debian's ROS 1) in C++; dora-rs with Python nodes
-around our own voxel kernel. A latency runs from the camera's stamp to the last process being able to use the array. What
-a system needs and is not installed is told instead of a figure.
+around our own voxel kernel. A latency runs from the camera's stamp to the last process being able to use the array.
+What a system needs and is not installed is told instead of a figure.
 """
 
 from __future__ import annotations
