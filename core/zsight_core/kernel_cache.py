@@ -33,7 +33,6 @@ SHARED = (
 """Files of this package whose kernels are called by kernels of other files; a test compares this list with the code."""
 
 _PACKAGE = Path(__file__).resolve().parent
-_STAMP = "warm"
 
 
 def use() -> Path:
@@ -61,17 +60,19 @@ def folder() -> Path:
 
 def stamp() -> None:
     """Note in the folder in use that all kernels of the present sources are compiled."""
-    path = use() / _STAMP
+    path = _stamp()
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(_state(), encoding="utf-8")
+    path.touch()
 
 
 def is_stamped() -> bool:
     """True where `stamp` was called for exactly these sources, this numba and this processor; costs about 1 ms."""
-    try:
-        return (use() / _STAMP).read_text(encoding="utf-8") == _state()
-    except OSError:
-        return False
+    return _stamp().is_file()
+
+
+def _stamp() -> Path:
+    """A file for each state: several checkouts and environments of a user share the folder."""
+    return use() / f"warm-{_state()}"
 
 
 def _tag() -> str:

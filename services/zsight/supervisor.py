@@ -94,7 +94,12 @@ class Supervisor:
             _require_free(self._network)
         for child in self.children:
             self._launch(child)
-        self._bus = join(self._network, wait=20.0, stopping=self.stopping)
+        try:
+            self._bus = join(self._network, wait=20.0, stopping=self.stopping)
+        except ConnectionLost:
+            if self.stopping.is_set():
+                return
+            raise
         self._bus.link.watch_alive(self._bus.cell.alive(host_name(), "*"), self._alive_changed)
 
     def wait_ready(self, timeout: float) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import logging
 import queue
+import re
 import threading
 from typing import TYPE_CHECKING, Any
 
@@ -69,7 +70,8 @@ def open_router(network: Network) -> ZenohLink:
 
 def _short(error: Exception) -> str:
     """The first sentence of Zenoh's long errors."""
-    return str(error).split(" at ", 1)[0].splitlines()[0].rstrip(" .")
+    quoted = re.search(r'msg: "(.+?)(?:: \S+)?["\n)]', str(error))
+    return quoted[1] if quoted else str(error).split(" at ", 1)[0].splitlines()[0].rstrip(" .")
 
 
 def _config(network: Network, mode: str) -> zenoh.Config:

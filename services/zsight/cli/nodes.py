@@ -34,7 +34,7 @@ def list_nodes(json: Json = False, connect: Connect = None, namespace: Namespace
             _since(b),
             b.level.name,
             f"{b.memory_bytes / 2**20:.0f} MiB",
-            b.last_error[:60],
+            b.last_error,
         )
         for b in beats
     ]
