@@ -70,8 +70,9 @@ def open_router(network: Network) -> ZenohLink:
 
 def _short(error: Exception) -> str:
     """The first sentence of Zenoh's long errors."""
-    quoted = re.search(r'msg: "(.+?)(?:: \S+)?["\n)]', str(error))
-    return quoted[1] if quoted else str(error).split(" at ", 1)[0].splitlines()[0].rstrip(" .")
+    quoted = re.search(r'msg: "([^"]+)', str(error))
+    words = quoted[1] if quoted else str(error)
+    return words.split(" at ", 1)[0].splitlines()[0].rstrip(" .")
 
 
 def _config(network: Network, mode: str) -> zenoh.Config:
