@@ -68,6 +68,7 @@ def run(bus: Bus, settings: Settings) -> None:
 
 def _stream(source: Source, *, loop: bool) -> Iterator[Points]:
     """The source's clouds, over and over where asked; an unreadable file is logged and passed over."""
+    told: set[str] = set()  # what was logged already: a folder in a loop comes back to its bad file for ever
     while True:
         sent = 0
         clouds = source.clouds()
@@ -75,7 +76,9 @@ def _stream(source: Source, *, loop: bool) -> Iterator[Points]:
             try:
                 points = next(clouds, None)
             except FileError as error:
-                log.warning("passed over: %s", error)
+                if str(error) not in told:
+                    log.warning("passed over: %s", error)
+                    told.add(str(error))
                 continue
             if points is None:
                 break
