@@ -184,7 +184,7 @@ def find(
         "refined": 0,
         "rejected": [],
     }
-    search = _Search(scene, T_world_camera, region, checkpoint, report)
+    search = _Search(scene, T_world_camera, region, checkpoint, report, many=len(models) > 1)
     found: list[Detection] = []
     doubtful = False
     seen = 1.0
@@ -224,6 +224,8 @@ class _Search:
         region: tuple[Sequence[float], Sequence[float]] | None,
         checkpoint: Checkpoint,
         report: dict[str, Any],
+        *,
+        many: bool,
     ) -> None:
         self.scene = scene
         self.T_world_camera = T_world_camera
@@ -231,8 +233,9 @@ class _Search:
         self.checkpoint = checkpoint
         self.report = report
         self.frames = [inverse(scene.view.T_cloud_optical) @ s.T_camera_support for s in scene.supports]
+        self.many = many
         self._clues: Clues | None = None
-        self._rivals: dict[str, list[Candidate]] = {}
+        self._rivals: dict[tuple[str, str], list[Candidate]] = {}
 
     @property
     def clues(self) -> Clues:
@@ -297,6 +300,9 @@ class _Search:
         solid = solid_of(model.shape)
         candidates = self._candidates(model, solid)
         kept = [self._polished(solid, c) for c in _one_a_place(candidates, min(size_of(model.shape)))]
+        if self.many:  # what is asked for now is a rival of what is asked for next
+            self._rivals["", model.name] = kept
+        places = [c for c in kept if c.probability >= ACCEPTED and self._wanted(self._in_cloud(c.hypothesis))]
         found, doubtful = [], False
         for candidate in kept:
             if not self._wanted(self._in_cloud(candidate.hypothesis)):
@@ -305,7 +311,7 @@ class _Search:
                 doubtful |= candidate.probability > DOUBTFUL and _is_cut(candidate.evidence)
                 self._reject(model, candidate)
                 continue
-            rival = self._best_rival(model, candidate, rivals)
+            rival = self._best_rival(model, candidate, rivals, places)
             if rival is not None and _explains_better(rival[1], candidate):
                 self._reject(model, candidate, rival[0])
                 continue
@@ -313,31 +319,64 @@ class _Search:
         return found, doubtful, self._seen(size_of(model.shape))
 
     def _best_rival(
-        self, model: ObjectModel, candidate: Candidate, rivals: Sequence[ObjectModel]
+        self, model: ObjectModel, candidate: Candidate, rivals: Sequence[ObjectModel], places: Sequence[Candidate]
     ) -> tuple[str, Candidate] | None:
         """The rival that fits best where the candidate stands, and how."""
-        place = candidate.hypothesis.T_support_model[:2, 3]
         best: tuple[str, Candidate] | None = None
         for rival in rivals:
             if rival.name == model.name or isinstance(rival.shape, Surface):
                 continue
-            if rival.name not in self._rivals:
-                solid = solid_of(rival.shape)
-                places = _one_a_place(self._candidates(rival, solid), min(size_of(rival.shape)))
-                self._rivals[rival.name] = [self._polished(solid, place) for place in places]
-            reach = (max(size_of(model.shape)) + max(size_of(rival.shape))) / 2
-            for other in self._rivals[rival.name]:
-                near = np.linalg.norm(other.hypothesis.T_support_model[:2, 3] - place) < reach / 2
-                if near and other.probability > DOUBTFUL and (best is None or _explains_better(other, best[1])):
+            for other in self._candidates_of_rival(rival, model, places):
+                there = self._share_place(candidate.hypothesis, model, other.hypothesis, rival)
+                if there and other.probability > DOUBTFUL and (best is None or _explains_better(other, best[1])):
                     best = (rival.name, other)
         return best
 
-    def _candidates(self, model: ObjectModel, solid: Solid) -> list[Candidate]:
-        """Hypotheses, a quick look at each, the best refined and verified."""
+    def _candidates_of_rival(
+        self, rival: ObjectModel, model: ObjectModel, places: Sequence[Candidate]
+    ) -> list[Candidate]:
+        """Candidates of a rival: all where many types are asked for, else those where the model may be."""
+        key = ("" if self.many else model.name, rival.name)
+        if key not in self._rivals:
+            solid = solid_of(rival.shape)
+            reach = (float(np.linalg.norm(size_of(model.shape))) + float(np.linalg.norm(size_of(rival.shape)))) / 2
+            centres = None if self.many else [self._centre(place.hypothesis) for place in places]
+            found = self._candidates(rival, solid, centres, reach)
+            self._rivals[key] = [self._polished(solid, c) for c in _one_a_place(found, min(size_of(rival.shape)))]
+        return self._rivals[key]
+
+    def _centre(self, guess: Hypothesis) -> NDArray[np.float64]:
+        """Where the middle of an object would be, optical frame."""
+        T = self.frames[guess.support] @ guess.T_support_model
+        centre: NDArray[np.float64] = T[:3, 3]
+        return centre
+
+    def _share_place(self, a: Hypothesis, model_a: ObjectModel, b: Hypothesis, model_b: ObjectModel) -> bool:
+        """True where the middle of one would be inside the other's box: both cannot be there."""
+        T_a = self.frames[a.support] @ a.T_support_model
+        T_b = self.frames[b.support] @ b.T_support_model
+        b_in_a = np.abs(inverse(T_a) @ T_b[:, 3])[:3] <= np.array(size_of(model_a.shape)) / 2
+        a_in_b = np.abs(inverse(T_b) @ T_a[:, 3])[:3] <= np.array(size_of(model_b.shape)) / 2
+        return bool(b_in_a.all() or a_in_b.all())
+
+    def _candidates(
+        self,
+        model: ObjectModel,
+        solid: Solid,
+        places: Sequence[NDArray[np.float64]] | None = None,
+        reach: float = np.inf,
+    ) -> list[Candidate]:
+        """Hypotheses, a quick look at each, the best refined and verified; given places, only within reach of one."""
         start = perf_counter()
         if not self.scene.supports:
             return []
         guesses = hypotheses(model.shape, self.clues)
+        if places is not None:
+            centres = [self._centre(guess) for guess in guesses]
+            near = [any(np.linalg.norm(centre - place) < reach for place in places) for centre in centres]
+            guesses = [guess for guess, is_near in zip(guesses, near, strict=True) if is_near]
+            if not guesses:
+                return []
         self.report["hypotheses"] += len(guesses)
         best = self._most_promising(model, guesses)
         self.report["refined"] += len(best)
