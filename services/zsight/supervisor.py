@@ -20,7 +20,7 @@ from zsight.errors import ConnectionLost, UsageError, ZsightError
 from zsight.runtime import SUPERVISED, host_name, join
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
     from zsight.bus import Bus
     from zsight.cell_file import ProcessEntry
@@ -92,8 +92,9 @@ class Supervisor:
         """
         if any(child.entry.service == "router" for child in self.children):
             _require_free(self._network)
-        for child in self.children:
-            self._launch(child)
+        with _uninterrupted():
+            for child in self.children:
+                self._launch(child)
         try:
             self._bus = join(self._network, wait=20.0, stopping=self.stopping)
         except ConnectionLost:
@@ -147,6 +148,8 @@ class Supervisor:
             if now - child.started > _STEADY:
                 child.pause = _FIRST_PAUSE
             return
+        if child.process.stdin is not None:
+            child.process.stdin.close()
         child.process = None
         child.alive.clear()
         if code in (0, _NO_USE):
@@ -179,7 +182,7 @@ class Supervisor:
     def _listen(self, child: Child, process: subprocess.Popen[bytes]) -> None:
         if process.stderr is None:
             return
-        with contextlib.suppress(ValueError):  # the pipe is closed when the supervisor stops
+        with contextlib.suppress(ValueError), process.stderr:  # the pipe is closed when the supervisor stops
             for line in process.stderr:
                 text = line.decode("utf-8", "replace").rstrip()
                 child.last_words.append(text)
@@ -212,6 +215,22 @@ class Supervisor:
             for process in group:
                 _wait_or_kill(process, deadline)
         shared_memory.remove_orphans()
+
+
+@contextlib.contextmanager
+def _uninterrupted() -> Iterator[None]:
+    """Put Ctrl-C off to the end of the block: a process half started would be forgotten."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    came: list[int] = []
+    before = signal.signal(signal.SIGINT, lambda number, _: came.append(number))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+    if came and callable(before):
+        before(signal.SIGINT, None)
 
 
 def _wait_or_kill(process: subprocess.Popen[bytes], deadline: float) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import re
@@ -17,7 +18,17 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from types import TracebackType
 
-__all__ = ["DEADLINE", "Command", "Ended", "free_port", "is_alive", "leftovers", "run"]
+__all__ = [
+    "DEADLINE",
+    "Command",
+    "Ended",
+    "children_of",
+    "free_port",
+    "is_alive",
+    "leftovers",
+    "run",
+    "shared_memory_of",
+]
 
 DEADLINE = 60.0  # seconds; far more than anything here takes
 
@@ -137,6 +148,16 @@ def is_alive(pid: int) -> bool:
     except OSError:
         return False
     return state != "Z"
+
+
+def children_of(parent: int) -> list[int]:
+    """The processes that a process started."""
+    found = []
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        with contextlib.suppress(OSError):  # it has ended meanwhile
+            if int(stat.read_text(encoding="utf-8").rpartition(")")[2].split()[1]) == parent:
+                found.append(int(stat.parent.name))
+    return found
 
 
 def leftovers(pids: dict[str, int], held: set[Path]) -> list[str]:

@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
-from tests.system.commands import Command, leftovers, shared_memory_of
+from tests.services.waiting import soon
+from tests.system.commands import Command, children_of, leftovers, shared_memory_of
 
 from zsight.scene_file import find_scene
 
@@ -65,10 +66,12 @@ def test_a_scene_without_the_block_has_none(tmp_path: Path) -> None:
     assert report["p_absent"] > 0.5
 
 
-def test_ctrl_c_in_the_middle_leaves_nothing_behind(tmp_path: Path) -> None:
+def test_ctrl_c_while_it_starts_leaves_no_process_behind(tmp_path: Path) -> None:
     with Command("demo", "--picture", tmp_path / "answer.png") as command:
-        pids = command.children()
-        held = shared_memory_of(pids)
+        command.wait_for("^starting")
+        assert soon(lambda: bool(children_of(command.process.pid)))
+        pids = {str(pid): pid for pid in children_of(command.process.pid)}
         command.interrupt()
         assert command.ended().code == 130
-    assert leftovers(pids, held) == []
+    assert leftovers(pids, set()) == []
+    assert not (tmp_path / "answer.png").exists()
