@@ -40,6 +40,7 @@ PAGES = (
 _FENCE = re.compile(r"(?P<marks>(?:<!--[^>]*-->\n+)*)```(?P<kind>\w+)\n(?P<body>.*?)^```$", re.MULTILINE | re.DOTALL)
 _NEEDS = re.compile(r"<!-- needs: (.+?) -->")
 _NUMBER = re.compile(r"(?<![A-Za-z0-9_.])[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
+_TIME = re.compile(r"\d+(?:\.\d+)? ms\b")  # how long something took is never compared
 _WARMING = "compiling"  # what the first start on a machine says and later ones do not
 _PATIENCE = 170.0  # seconds for one command
 
@@ -251,6 +252,7 @@ def differs(shown: list[str], came: list[str], *, numbers_vary: bool) -> str | N
 
 
 def _alike(expected: str, line: str, *, numbers_vary: bool) -> bool:
+    expected, line = (_TIME.sub("some ms", text) for text in (expected, line))
     if _words(expected) != _words(line):
         return False
     pairs = zip(_NUMBER.findall(expected), _NUMBER.findall(line), strict=True)

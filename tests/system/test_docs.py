@@ -46,7 +46,8 @@ def test_a_fence_does_what_the_page_shows(
         if position + 1 == len(done) or done[position + 1][0] != "echo $?":
             assert code == 0, f"$ {command}\n" + "\n".join(came)
         difference = differs(shown, came, numbers_vary=fence.numbers_vary)
-        assert difference is None, f"$ {command}\n{difference}"
+        again = f"if that is right: python -m tests.system.doc_page {fence.page.relative_to(REPOSITORY)}"
+        assert difference is None, f"$ {command}\n{difference}\n{again}"
 
 
 def test_the_tutorial_is_run() -> None:
