@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from zsight.cli.options import Json
+from zsight.cli.options import Json, Picture
 from zsight.cli.output import print_json, say
 from zsight.cli.running import require_warm
 
@@ -16,7 +15,7 @@ __all__ = ["demo"]
 
 def demo(
     json: Json = False,
-    picture: Annotated[Path | None, typer.Option("--picture", metavar="FILE", help="PNG file of the answer.")] = None,
+    picture: Picture = None,
     scene: Annotated[str, typer.Option("--scene", help="Simulated scene: a name or a .yaml file.")] = "book",
     seed: Annotated[int | None, typer.Option("--seed", min=0, help="Seed of the scene's noise.")] = None,
 ) -> None:

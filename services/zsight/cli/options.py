@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from zsight.errors import UsageError
 from zsight.network import Network
 
 __all__ = ["CameraPose", "Connect", "Force", "Intrinsics", "Json", "Namespace", "Out", "Picture", "network_of"]
@@ -32,7 +33,18 @@ CameraPose = Annotated[
         help="The camera in the world, where it is known; the word viewpoint takes the one that the file has.",
     ),
 ]
-Picture = Annotated[Path | None, typer.Option("--picture", metavar="FILE", help="Draw the result into a PNG file.")]
+
+
+def _require_png(path: Path | None) -> Path | None:
+    if path is not None and path.suffix.lower() != ".png":
+        raise UsageError(f"the picture is to be {path}; expected a name that ends in .png")
+    return path
+
+
+Picture = Annotated[
+    Path | None,
+    typer.Option("--picture", metavar="FILE", callback=_require_png, help="Draw the result into a PNG file."),
+]
 
 
 def network_of(connect: str | None, namespace: str | None = None) -> Network:
