@@ -30,6 +30,7 @@ __all__ = ["PatchPlane", "Settings", "plane_of_patch", "run"]
 
 log = logging.getLogger(__name__)
 
+_WIDENINGS = 4  # the plane of a warped carpet stays within 0.1 degrees from then on
 _CLOUD_WAIT = 2.0  # seconds that a patch waits for the first cloud
 
 
@@ -93,6 +94,8 @@ def run(bus: Bus, settings: Settings) -> None:
 def plane_of_patch(points: Points, patch: Points, settings: Settings) -> PatchPlane:
     """The plane of a patch, and the points of a cloud that lie in it.
 
+    A robust plane of the patch alone comes first; then the plane follows what the cloud shows of the same surface.
+
     Args:
         points: (H, W) the whole cloud, metres, camera frame.
         patch: (1, M) the selected points, same frame.
@@ -101,12 +104,29 @@ def plane_of_patch(points: Points, patch: Points, settings: Settings) -> PatchPl
     Raises:
         GeometryError: the patch has fewer than 3 points, or no plane.
     """
-    fit = plane.fit_robust(patch, settings.tolerance)
+    fit = _widened(points, patch, plane.fit_robust(patch, settings.tolerance), settings.tolerance)
     members = plane.inliers(points, fit.plane, settings.tolerance)
     if settings.connected:
         members = connected.connected_to(points, members, members & _near(points, patch), settings.gap)
     on_plane = take.take(patch, plane.inliers(patch, fit.plane, settings.tolerance))
     return PatchPlane(fit, members, plane.frame_on_plane(fit.plane, statistics.centroid(on_plane)))
+
+
+def _widened(points: Points, patch: Points, fit: plane.PlaneFit, tolerance: float) -> plane.PlaneFit:
+    """The same surface, fitted to all that the cloud shows of it: a depth camera warps a small patch by up to a degree.
+
+    The points within half the tolerance are taken a few times, each time of the last plane. Where the patch itself then
+    no longer lies in the plane (it is of a book on the table), its own plane is kept.
+    """
+    wide = fit
+    for _ in range(_WIDENINGS):
+        near = take.take(points, plane.inliers(points, wide.plane, tolerance / 2))
+        if near.size < fit.inliers:
+            return fit
+        wide = plane.fit_robust(near, tolerance / 2)
+    own = plane.inliers(patch, fit.plane, tolerance)
+    moved = float(np.median(np.abs(plane.heights(patch, wide.plane)[own])))
+    return wide if moved <= 3 * fit.rms else fit
 
 
 def _near(points: Points, patch: Points) -> NDArray[np.bool_]:

@@ -33,12 +33,12 @@ GAP = 60  # image column without data, right of which the floor goes on
 STAMP = Time(sec=5, nanosec=6)
 
 
-def floor() -> Points:
+def floor(box: float = 0.05) -> Points:
     """A floor seen by a tilted camera, with a box of 5 cm on it and a strip without data."""
     v, u = np.mgrid[0:60, 0:80]
     rays = np.stack([(u - 39.5) / 60, (v - 29.5) / 60, np.ones(u.shape)], axis=-1)
     height = np.zeros(u.shape)
-    height[BOX] = 0.05
+    height[BOX] = box
     points = rays * ((DISTANCE + height) / (rays @ NORMAL))[..., np.newaxis]
     points[:, GAP : GAP + 4] = np.nan
     return from_xyz(points)
@@ -108,6 +108,12 @@ def test_its_points_come_with_it(start: Callable[..., Cell]) -> None:
 def test_a_patch_that_holds_some_of_the_box_still_finds_the_floor(start: Callable[..., Cell]) -> None:
     found = start().select(slice(25, 50), slice(20, 42))
     np.testing.assert_allclose([found.normal.x, found.normal.y, found.normal.z], NORMAL, atol=1e-4)
+
+
+def test_a_patch_of_a_thin_thing_on_the_floor_is_not_taken_for_the_floor() -> None:
+    points = floor(box=0.004)
+    found = planes.plane_of_patch(points, points[BOX], planes.Settings())
+    assert found.fit.plane.distance == pytest.approx(DISTANCE + 0.004, abs=1e-4)
 
 
 def test_what_stands_on_the_plane_is_published_where_asked_for(start: Callable[..., Cell]) -> None:
