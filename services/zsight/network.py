@@ -32,9 +32,9 @@ class Network:
     def from_environment(cls) -> Network:
         """From ZSIGHT_CONNECT and ZSIGHT_LISTEN (comma between endpoints), ZSIGHT_NAMESPACE and ZENOH_CONFIG."""
         return cls(
-            connect=_endpoints(os.environ.get("ZSIGHT_CONNECT", DEFAULT_ENDPOINT)),
-            listen=_endpoints(os.environ.get("ZSIGHT_LISTEN", DEFAULT_ENDPOINT)),
-            namespace=os.environ.get("ZSIGHT_NAMESPACE", DEFAULT_NAMESPACE),
+            connect=_endpoints(os.environ.get("ZSIGHT_CONNECT", "")) or (DEFAULT_ENDPOINT,),
+            listen=_endpoints(os.environ.get("ZSIGHT_LISTEN", "")) or (DEFAULT_ENDPOINT,),
+            namespace=os.environ.get("ZSIGHT_NAMESPACE") or DEFAULT_NAMESPACE,
             config_file=os.environ.get("ZENOH_CONFIG", ""),
         )
 

@@ -108,6 +108,15 @@ def test_clouds_come_off_the_wire(running: tuple[Cell, Command]) -> None:
     assert cell.run("topic", "hz", f"{cell.namespace}/kinect/points", "--count", 5, "--json").json["messages"] == 5
 
 
+def test_ctrl_c_ends_what_only_looks(running: tuple[Cell, Command]) -> None:
+    cell, _ = running
+    with Command("topic", "echo", f"{cell.namespace}/kinect/points", "--json", **cell.environment) as echo:
+        assert echo.process.stdout is not None
+        assert '"width": 640' in echo.process.stdout.readline()
+        echo.interrupt()
+        assert echo.ended().code == 130
+
+
 def test_a_second_cell_on_the_same_port_says_so(running: tuple[Cell, Command]) -> None:
     cell, up = running
     same, other = cell.run("up"), cell.run("up", "--namespace", "system-other")

@@ -1,0 +1,231 @@
+"""What a program gets from the client: answers, errors, and one answer of many finders."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from tests.services.gated_work import Gated, result
+from tests.services.waiting import soon
+
+from zsight.action_server import ActionServer, Policy
+from zsight.async_client import AsyncCellClient
+from zsight.client import CellClient, Cloud, answer_of
+from zsight.convert import cloud_from_points
+from zsight.errors import DeadlinePassed, GoalCancelled, NobodyAnswers, RequestRefused, ServerBusy, ZsightError
+from zsight.merging import merge
+from zsight_core.points import from_xyz, xyz
+from zsight_protocol.action import GoalState, Update, new_goal_id
+from zsight_protocol.find_object import DetectedObject, FindObjectGoal, FindObjectResult, ResultCode, Status
+from zsight_protocol.geometry import Point, Pose
+from zsight_protocol.message import Header, Time
+from zsight_protocol.point_cloud import PointCloud2
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from zsight.bus import Bus
+
+    Join = Callable[[], Bus]
+
+
+def final(answer: FindObjectResult | None, state: GoalState = GoalState.SUCCEEDED) -> Update[FindObjectResult]:
+    return Update[FindObjectResult](goal_id=new_goal_id(), state=state, final=True, result=answer)
+
+
+# Errors.
+
+
+@pytest.mark.parametrize(
+    ("code", "state", "error", "exit_code"),
+    [
+        (ResultCode.CODE_NOT_RECOGNISED, GoalState.REJECTED, RequestRefused, 2),
+        (ResultCode.BUSY, GoalState.REJECTED, ServerBusy, 3),
+        (ResultCode.CANCELLED, GoalState.CANCELLED, GoalCancelled, 5),
+        (ResultCode.CANCELLED, GoalState.ABORTED, GoalCancelled, 5),
+        (ResultCode.NOT_FOUND, GoalState.CANCELLED, GoalCancelled, 5),
+    ],
+)
+def test_codes_become_errors(code: ResultCode, state: GoalState, error: type[ZsightError], exit_code: int) -> None:
+    with pytest.raises(error, match="because") as caught:
+        answer_of(final(result("because", code), state))
+    assert caught.value.exit_code == exit_code
+
+
+@pytest.mark.parametrize("code", [ResultCode.FOUND, ResultCode.NOT_FOUND])
+def test_answers_are_no_errors(code: ResultCode) -> None:
+    answer = result("words", code)
+    assert answer_of(final(answer)) is answer
+
+
+def test_a_deadline_and_no_result_are_errors() -> None:
+    late = result("late", ResultCode.NOT_FOUND).model_copy(update={"deadline_passed": True})
+    with pytest.raises(DeadlinePassed):
+        answer_of(final(late, GoalState.ABORTED))
+    with pytest.raises(RequestRefused, match="aborted without a result"):
+        answer_of(final(None, GoalState.ABORTED))
+
+
+# Many finders.
+
+
+def box(x: float, score: float, size: tuple[float, float, float] = (0.1, 0.2, 0.05)) -> DetectedObject:
+    return DetectedObject(
+        type="crate",
+        score=score,
+        pose=Pose(position=Point(x=x)),
+        size=size,
+        covariance=(0.0,) * 36,
+        visible_fraction=1.0,
+    )
+
+
+def said(finder: str, *objects: DetectedObject) -> FindObjectResult:
+    return FindObjectResult(
+        header=Header(), code=ResultCode.FOUND, status=Status.FOUND, finder=finder, objects=tuple(objects)
+    )
+
+
+def test_answers_on_one_place_are_one_object() -> None:
+    merged = merge([said("a", box(0.0, 0.6)), said("b", box(0.02, 0.9), box(1.0, 0.5))])
+    assert [(m.finder, m.best.score, [name for name, _ in m.others]) for m in merged] == [
+        ("b", 0.9, ["a"]),
+        ("b", 0.5, []),
+    ]
+    assert [m.disagreement_m for m in merged] == pytest.approx([0.02, 0.0])
+
+
+def test_one_finder_tells_its_own_objects_apart() -> None:
+    merged = merge([said("a", box(0.0, 0.6), box(0.02, 0.9))])
+    assert [m.best.score for m in merged] == [0.9, 0.6]
+
+
+def test_what_is_farther_than_half_an_edge_is_another() -> None:
+    assert len(merge([said("a", box(0.0, 0.6)), said("b", box(0.026, 0.9))])) == 2
+    assert merge([]) == []
+
+
+class Finders:
+    """Some finders, each with its own work, and a client."""
+
+    def __init__(self, join: Join, *names: str) -> None:
+        self.works = {name: Gated() for name in names}
+        self.servers = {}
+        for name, work in self.works.items():
+            bus = join()
+            self.servers[name] = ActionServer(bus, name, FindObjectGoal, work, Policy(1, 0))
+        self.client = CellClient(join())
+
+    def close(self) -> None:
+        for name, server in self.servers.items():
+            self.works[name].gate.set()
+            server.close()
+
+
+@pytest.fixture
+def finder(join_memory: Join) -> Iterator[Finders]:
+    finders = Finders(join_memory, "finder")
+    yield finders
+    finders.close()
+
+
+def test_any_finder_answers_without_its_name(finder: Finders) -> None:
+    finder.works["finder"].gate.set()
+    assert finder.client.find("cube").message == "done"
+    with pytest.raises(NobodyAnswers, match="find_object/other"):
+        finder.client.find("cube", finder="other")
+
+
+def test_updates_are_handed_out_on_the_way(finder: Finders) -> None:
+    stages: list[str] = []
+
+    def note(update: Update[FindObjectResult]) -> None:
+        stages.append(update.stage)
+        if update.stage == "waiting":
+            finder.works["finder"].gate.set()
+
+    finder.client.find("cube", on_update=note)
+    assert "waiting" in stages
+
+
+def test_a_goal_is_cancelled_by_its_call_and_by_its_id(finder: Finders) -> None:
+    for cancel_it in (
+        lambda c: c.cancel(),
+        lambda c: finder.client.cancel(c.goal_id),
+        lambda _: finder.client.cancel(),
+    ):
+        call = finder.client.start_find("cube")
+        assert any(update.stage == "waiting" for update in call)
+        cancel_it(call)
+        with pytest.raises(GoalCancelled):
+            answer_of(call.wait())
+    assert {update.state for update in finder.client.results()} == {GoalState.CANCELLED}
+
+
+def test_nobody_is_asked_where_nobody_is(join_memory: Join) -> None:
+    client = CellClient(join_memory())
+    with pytest.raises(NobodyAnswers, match="zsight up"):
+        client.find_all("cube")
+    with pytest.raises(NobodyAnswers):
+        client.cancel()
+
+
+# Clouds.
+
+
+def test_clouds_are_arrays_with_their_stamp_and_frame(join_memory: Join) -> None:
+    sender, client = join_memory(), CellClient(join_memory())
+    points = from_xyz(np.arange(18.0).reshape(2, 3, 3))
+    clouds = client.clouds("left/points", timeout=0.2)
+    writer = sender.writer(sender.cell.points("left"), PointCloud2)
+
+    def send() -> None:
+        if soon(writer.has_readers):
+            writer.send(cloud_from_points(points, Time(sec=3), "eye"))
+
+    thread = threading.Thread(target=send)
+    thread.start()
+    cloud = next(clouds)
+    thread.join()
+    assert isinstance(cloud, Cloud)
+    assert (cloud.stamp_ns, cloud.frame_id, cloud.shape) == (3_000_000_000, "eye", (2, 3))
+    np.testing.assert_array_equal(xyz(cloud), xyz(points))
+    row = cloud[0]
+    assert (row.stamp_ns, row.frame_id) == (3_000_000_000, "eye")
+    assert list(clouds) == []
+    assert not writer.has_readers()
+
+
+# Asyncio.
+
+
+def test_the_asyncio_twin_finds_and_cancels(finder: Finders) -> None:
+    async def use() -> None:
+        client = AsyncCellClient(finder.client)
+        call = await client.start_find("cube")
+        async for update in call:
+            if update.stage == "waiting":
+                await call.cancel()
+        with pytest.raises(GoalCancelled):
+            await call.result()
+        finder.works["finder"].gate.set()
+        assert (await client.find("cube")).message == "done"
+
+    asyncio.run(use())
+
+
+def test_a_cancelled_task_cancels_its_goal(finder: Finders) -> None:
+    async def use() -> None:
+        client = AsyncCellClient(finder.client)
+        task = asyncio.create_task(client.find("cube"))
+        assert await asyncio.to_thread(soon, lambda: bool(finder.works["finder"].runs))
+        task.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await task
+
+    asyncio.run(use())
+    (goal_id,) = finder.works["finder"].runs
+    assert soon(lambda: finder.client.results(goal_id)[0].state is GoalState.CANCELLED)
