@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from zsight_core.words import Layout
 
-__all__ = ["add_moments_near_plane", "covariance", "moments_near_plane", "principal_axes", "warm_up"]
+__all__ = ["add_moments_near_plane", "covariance", "moments_near_plane", "plane_of_sums", "principal_axes", "warm_up"]
 
 
 @njit(cache=True, nogil=True)
@@ -45,28 +45,32 @@ def moments_near_plane(
 def add_moments_near_plane(
     tile: NDArray[np.float32], plane: NDArray[np.float64], tolerance: float, total: NDArray[np.float64]
 ) -> None:
-    """Add the sums of one tile to those (10,) of `moments_near_plane`; a tile is summed in float32."""
+    """Add the sums of one tile to those (10,) of `moments_near_plane`."""
     nx, ny, nz = np.float32(plane[0]), np.float32(plane[1]), np.float32(plane[2])
     px, py, pz = np.float32(plane[0] * plane[3]), np.float32(plane[1] * plane[3]), np.float32(plane[2] * plane[3])
     limit = np.float32(min(tolerance, 3.4e38))  # a point that is not finite lies farther off than this, or NaN
     zero = np.float32(0)
-    n = sx = sy = sz = sxx = sxy = sxz = syy = syz = szz = zero
+    n = sx = sy = sz = np.float64(0)
+    sxx = sxy = sxz = syy = syz = szz = np.float64(
+        0
+    )  # in float64: the variance across a plane is a small difference of these
     for i in range(TILE):
         x, y, z = tile[0, i] - px, tile[1, i] - py, tile[2, i] - pz
         inside = abs(nx * x + ny * y + nz * z) <= limit
         x = x if inside else zero
         y = y if inside else zero
         z = z if inside else zero
-        n += np.float32(1) if inside else zero
-        sx += x
-        sy += y
-        sz += z
-        sxx += x * x
-        sxy += x * y
-        sxz += x * z
-        syy += y * y
-        syz += y * z
-        szz += z * z
+        a, b, c = np.float64(x), np.float64(y), np.float64(z)  # to numba, float(x) would stay float32
+        n += 1.0 if inside else 0.0
+        sx += a
+        sy += b
+        sz += c
+        sxx += a * a
+        sxy += a * b
+        sxz += a * c
+        syy += b * b
+        syz += b * c
+        szz += c * c
     total[0] += n
     total[1] += sx
     total[2] += sy
@@ -128,7 +132,23 @@ def principal_axes(spread: NDArray[np.float64]) -> tuple[NDArray[np.float64], ND
     return variances[order], np.ascontiguousarray(axes[:, order])
 
 
+@njit(cache=True, nogil=True)
+def plane_of_sums(sums: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The plane of least squares through points with these (10,) sums about the origin.
+
+    Returns:
+        (4,) nx, ny, nz, d with the normal turned towards the origin; and the variances (3,) along the normal and
+        along the minor and major axis in the plane.
+    """
+    centroid, spread = covariance(sums)
+    variances, axes = principal_axes(spread)
+    plane = np.empty(4)
+    plane[:3] = axes[:, 0]
+    plane[3] = axes[0, 0] * centroid[0] + axes[1, 0] * centroid[1] + axes[2, 0] * centroid[2]
+    return (-plane if plane[3] > 0.0 else plane), variances
+
+
 def warm_up() -> None:
     """Compile the kernels of this file."""
     sums = moments_near_plane(np.eye(3, 4, dtype=np.float32).ravel(), (4, 0, 1, 2), np.array([0.0, 0, 1, 0]), math.inf)
-    principal_axes(covariance(sums)[1])
+    plane_of_sums(sums)

@@ -7,6 +7,7 @@ any msgpack library decodes the whole.
 
 from __future__ import annotations
 
+import contextlib
 import struct
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -136,10 +137,10 @@ def _all_entries(view: memoryview) -> dict[str, Any]:
 
 
 def _entries_before_blob(view: memoryview) -> dict[str, Any]:
-    try:
+    with contextlib.suppress(msgpack.OutOfData):
         return _entries_within(view, _USUAL_HEAD)
-    except msgpack.OutOfData:
-        return _entries_within(view, _HEAD_LIMIT)
+    # Outside the handler: there the first attempt's unpackers, 40 kB each, would still be held.
+    return _entries_within(view, _HEAD_LIMIT)
 
 
 def _entries_within(view: memoryview, limit: int) -> dict[str, Any]:
