@@ -92,21 +92,36 @@ def tasks(cloud: BenchCloud, scratch: Path) -> list[Task]:
         Task("find plane: fit, select, copy", find_plane, f"find_plane {' '.join(map(str, patch))} 0.01", 5),
         Task("RANSAC plane", lambda: ransac_plane(dense, 0.01), "ransac 0.01 1000", 4),
         Task("table height", lambda: table_height(points, T, low, high), f"slabs {low} {high} 0.005", 50),
-        Task("slab plane fit", lambda: fit_slab(points, T, TABLE - 0.01, TABLE + 0.01), f"slab_fit {TABLE - 0.01} {TABLE + 0.01}", 1),
+        Task(
+            "slab plane fit",
+            lambda: fit_slab(points, T, TABLE - 0.01, TABLE + 0.01),
+            f"slab_fit {TABLE - 0.01} {TABLE + 0.01}",
+            1,
+        ),
         Task("object-finder chain", finder_chain, f"finder_chain {low} {high} 0.005", 30),
         Task("transform", lambda: transform_points(points, T, room), "transform", 2),
         Task("remove NaN", lambda: remove_nan(points, room), "remove_nan", 1.5),
         Task("pass-through", lambda: pass_through(points, "z", 0.7, 1.0, room), "pass_through 0.7 1.0", 1),
-        Task("box", lambda: box(points, [-0.3, -0.3, 0.5], [0.3, 0.3, 1.2], room), "crop_box -0.3 -0.3 0.5 0.3 0.3 1.2", 1),
+        Task(
+            "box",
+            lambda: box(points, [-0.3, -0.3, 0.5], [0.3, 0.3, 1.2], room),
+            "crop_box -0.3 -0.3 0.5 0.3 0.3 1.2",
+            1,
+        ),
         Task("bounding box", lambda: bounding_box(points), "bounding_box", 1),
         Task("centroid", lambda: centroid(points), "centroid", 1),
         Task("concatenate", lambda: concatenate([points, dense]), "concatenate", 1),
-        #Task("PCD load binary", lambda: pcd.read(files["binary"]), f"load_file {files['binary']}", 10),
-        #Task("PCD load compressed", lambda: pcd.read(files["binary_compressed"]), f"load_file {files['binary_compressed']}", 2),
-        #Task("PCD load ASCII", lambda: pcd.read(files["ascii"]), f"load_file {files['ascii']}", 6),
-        #Task("PCD save binary", save("binary"), f"save_file binary {theirs}", 1),
-        #Task("PCD save compressed", save("binary_compressed"), f"save_file compressed {theirs}", 1),
-        #Task("PCD save ASCII", save("ascii"), f"save_file ascii {theirs}", 1),
+        Task("PCD load binary", lambda: pcd.read(files["binary"]), f"load_file {files['binary']}", 10),
+        Task(
+            "PCD load compressed",
+            lambda: pcd.read(files["binary_compressed"]),
+            f"load_file {files['binary_compressed']}",
+            2,
+        ),
+        Task("PCD load ASCII", lambda: pcd.read(files["ascii"]), f"load_file {files['ascii']}", 6),
+        Task("PCD save binary", save("binary"), f"save_file binary {theirs}", 1),
+        Task("PCD save compressed", save("binary_compressed"), f"save_file compressed {theirs}", 1),
+        Task("PCD save ASCII", save("ascii"), f"save_file ascii {theirs}", 1),
     ]
 
 
@@ -161,14 +176,17 @@ def timed(call: Callable[[], object]) -> float:
 
 def copy_time(points: Points) -> float:
     """Milliseconds of one copy of the cloud's memory into memory that is there already."""
-    source = points.view(np.uint8).reshape(-1) if points.flags.c_contiguous else np.ascontiguousarray(points).view(np.uint8)
+    source = (
+        points.view(np.uint8).reshape(-1) if points.flags.c_contiguous else np.ascontiguousarray(points).view(np.uint8)
+    )
     target = np.empty_like(source)
     return float(np.median([timed(lambda: np.copyto(target, source)) for _ in range(50)]))
 
 
 def table(rows: list[dict[str, Any]]) -> str:
     """The rows as text, one a line."""
-    line = "{name:44s} {value:9.3f} {peer_value:9.3f} ms  x{ratio:<7} {spread!s:18} {copies:6} copies  {target:>4} {verdict}"
+    line = "{name:44s} {value:9.3f} {peer_value:9.3f} ms  x{ratio:<7} {spread!s:18} {copies:6} copies  "
+    line += "{target:>4} {verdict}"
     return "\n".join(line.format(**row, verdict="holds" if row["holds"] else "MISSED") for row in rows)
 
 
