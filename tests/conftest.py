@@ -8,6 +8,8 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
+from zsight_core import warm
+
 # The same examples on every run, and no verdict on how fast a shared machine is.
 settings.register_profile("zsight", derandomize=True, deadline=None, max_examples=30)
 settings.load_profile("zsight")
@@ -22,3 +24,10 @@ def shared_data() -> Path:
     if not folder.is_dir():
         pytest.skip(f"no real recordings at {folder}: set ZSIGHT_DATA to their folder")
     return folder
+
+
+@pytest.fixture(scope="session")
+def warm_kernels() -> None:
+    """Compiled kernels, so that no deadline of a test passes while one is compiled; ``make test`` has done it."""
+    if not warm.is_warm():
+        warm.warm()

@@ -12,7 +12,6 @@ from zsight.bus import Bus
 from zsight.bus.memory_link import MemoryLink, MemoryNetwork
 from zsight.bus.zenoh_link import open_link, open_router
 from zsight.network import Network
-from zsight_core import warm
 from zsight_protocol.channels import Cell
 
 if TYPE_CHECKING:
@@ -37,13 +36,6 @@ def zenoh_network(free_port: int) -> Iterator[Network]:
     router = open_router(network)
     yield network
     router.close()
-
-
-@pytest.fixture(scope="session")
-def warm_kernels() -> None:
-    """Compiled kernels, so that no deadline of a test passes while one is compiled; ``make test`` has done it."""
-    if not warm.is_warm():
-        warm.warm()
 
 
 @pytest.fixture
