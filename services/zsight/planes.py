@@ -32,6 +32,7 @@ log = logging.getLogger(__name__)
 
 _WIDENINGS = 4  # the plane of a warped carpet stays within 0.1 degrees from then on
 _CLOUD_WAIT = 2.0  # seconds that a patch waits for the first cloud
+_FRESH_WAIT = 0.1  # seconds that it waits for a newer one than the last, which may be held up on the way
 
 
 class Settings(ServiceSettings):
@@ -69,7 +70,7 @@ def run(bus: Bus, settings: Settings) -> None:
     bus.ready()
     cloud: PointCloud2 | None = None
     for patch in patches:
-        newest = clouds.take(0.0 if cloud is not None else _CLOUD_WAIT)
+        newest = clouds.take(_FRESH_WAIT if cloud is not None else _CLOUD_WAIT)
         cloud = newest.message if newest is not None else cloud
         if cloud is None:
             log.warning("a patch came, but no cloud on %s: is the camera running?", clouds.counter.key)
