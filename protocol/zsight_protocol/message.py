@@ -17,7 +17,7 @@ __all__ = ["Bare", "Count", "Extras", "Float64", "Header", "Message", "Time", "T
 class Message(BaseModel):
     """A message: fields are read-only, of exactly the stated type, and no others are accepted."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, defer_build=True)
 
 
 class Bare:

@@ -126,7 +126,8 @@ def test_unorganised_cloud_gets_labels_in_its_own_order() -> None:
 def test_axes_of_other_conventions_give_the_same_labels(flip: np.ndarray) -> None:
     points = book.cloud((CARTON, book.at(0.6, -0.1, Z + 0.1)))
     turned = from_xyz(xyz(points) @ flip.T.astype(np.float32))
-    assert (understand(turned).labels == understand(points).labels).mean() > 0.999
+    # Without noise many pixels lie just on a threshold, and which side they fall on is up to the processor's rounding.
+    assert (understand(turned).labels == understand(points).labels).mean() > 0.995
 
 
 def test_millimetres_are_told() -> None:

@@ -7,10 +7,11 @@ import re
 from typing import TYPE_CHECKING
 
 import pytest
+import typer
 from tests.system.doc_page import PAGES, REPOSITORY, Fence, Place, differs, fences, is_run, pairs, provide, run_fence
 from typer.main import get_command
 
-from zsight.cli.application import app
+from zsight.cli.application import COMMANDS, app
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -105,7 +106,10 @@ def test_a_page_that_shows_something_else_is_noticed() -> None:
 def command_names() -> list[list[str]]:
     """The words of every command."""
     names: list[list[str]] = []
-    for name, command in get_command(app).commands.items():  # type: ignore[attr-defined]  # the application is a group
+    group = get_command(app)
+    context = typer.Context(group)
+    for name in COMMANDS:
+        command = group.get_command(context, name)  # type: ignore[attr-defined]  # the application is a group
         names += [[name, sub] for sub in command.commands] if hasattr(command, "commands") else [[name]]
     return names
 

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
 import typer
 
 from zsight.cli.options import Connect, Json, Namespace, network_of
 from zsight.cli.output import print_json, say
 from zsight.errors import DeadlinePassed, UsageError, ZsightError
+
+if TYPE_CHECKING:
+    from zsight_core.points import Points
 
 __all__ = ["calibrate", "why"]
 
@@ -60,6 +62,8 @@ def level(
     namespace: Namespace = None,
 ) -> None:
     """A camera's roll, pitch and height from the table or floor it sees; its place and yaw are left at zero."""
+    import numpy as np
+
     from zsight_core.level import level_camera
     from zsight_core.scene import understand
     from zsight_core.transform import quaternion
@@ -87,9 +91,7 @@ def level(
     say(f'pose "{text}"')
 
 
-def _points(
-    file: Path | None, camera: str, timeout: float, connect: str | None, namespace: str | None
-) -> np.ndarray[tuple[int, ...], np.dtype[np.void]]:
+def _points(file: Path | None, camera: str, timeout: float, connect: str | None, namespace: str | None) -> Points:
     from zsight import cloud_input
     from zsight.runtime import join
     from zsight.snapshots import take_snapshot
