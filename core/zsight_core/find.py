@@ -126,6 +126,8 @@ class Answer:
     """Probability that no further object of the type is there, given that it would be seen where the view is free."""
     obstacles: tuple[Segment, ...] = ()
     """Segments that no detection explains: unknown things with a box around them."""
+    explained: dict[int, str] = field(default_factory=dict)
+    """Labels of the other segments, with the type that explains each."""
     report: dict[str, Any] = field(default_factory=dict)
     """Stages with counts, milliseconds, and the candidates rejected with what cut them."""
 
@@ -200,10 +202,12 @@ def find(
     found.sort(key=lambda d: -d.score)
     report["timings_ms"]["total"] = (perf_counter() - start) * 1e3
     if found:
-        return Answer("found", tuple(found[:maximum]), seen, search.unexplained(found), report)
+        explained = search.explained(found)
+        obstacles = tuple(segment for segment in scene.segments if segment.label not in explained)
+        return Answer("found", tuple(found[:maximum]), seen, obstacles, explained, report)
     unsure = doubtful or not scene.supports or seen < SURELY_SEEN
     status: Status = "cannot_tell" if unsure else "not_found"
-    return Answer(status, (), seen if scene.supports else 0.0, tuple(scene.segments), report)
+    return Answer(status, (), seen if scene.supports else 0.0, tuple(scene.segments), {}, report)
 
 
 def warm_up() -> None:
@@ -277,23 +281,23 @@ class _Search:
             )
         return found
 
-    def unexplained(self, found: list[Detection]) -> tuple[Segment, ...]:
-        """Segments of which less than half lies in the box of a detection."""
-        left = []
-        pieces = {piece.segment: piece for piece in self.clues.segments}
-        for segment in self.scene.segments:
-            piece = pieces.get(segment.label)
-            if piece is None:
-                continue
+    def explained(self, found: list[Detection]) -> dict[int, str]:
+        """Labels of the segments of which at least half lies in boxes of detections, with the type of the fullest."""
+        known: dict[int, str] = {}
+        for piece in self.clues.segments:
             T_camera_support = self.scene.supports[piece.support].T_camera_support
-            inside = np.zeros(len(piece.points), np.bool_)
+            inside, fullest = np.zeros(len(piece.points), np.bool_), 0.0
             for detection in found:
                 T = inverse(detection.T_camera_model) @ T_camera_support
                 there = np.abs(piece.points @ T[:3, :3].T + T[:3, 3])
-                inside |= (there < np.array(detection.size) / 2 + BOX_MARGIN).all(axis=1)
+                within = (there < np.array(detection.size) / 2 + BOX_MARGIN).all(axis=1)
+                inside |= within
+                if within.mean() > fullest:
+                    fullest = float(within.mean())
+                    known[piece.segment] = detection.type
             if inside.mean() < 0.5:
-                left.append(segment)
-        return tuple(left)
+                known.pop(piece.segment, None)
+        return known
 
     def solids(self, model: ObjectModel, rivals: Sequence[ObjectModel]) -> tuple[list[Detection], bool, float]:
         """Objects of one type, whether one may be there half hidden, and how likely it would have been seen."""

@@ -15,6 +15,7 @@ from zsight_protocol.geometry import Plane, TransformList
 from zsight_protocol.health import Health
 from zsight_protocol.object_type import CatalogRequest
 from zsight_protocol.point_cloud import PointCloud2
+from zsight_protocol.scene import Scene
 
 if TYPE_CHECKING:
     from zsight_protocol.message import Message
@@ -53,6 +54,7 @@ CHANNELS = (
     Channel("*/plane", Plane, Delivery.LATEST),
     Channel("*/plane/points", PointCloud2, Delivery.LATEST),
     Channel("*/plane/above", PointCloud2, Delivery.LATEST),
+    Channel("*/scene", Scene, Delivery.LATEST),
     Channel("tf", TransformList, Delivery.EVERY),
     Channel("tf_static", TransformList, Delivery.LATCHED),
     Channel("find_object/*", FindObjectGoal, Delivery.REQUEST),
@@ -159,6 +161,10 @@ class Cell:
     def points_above_plane(self, camera: str) -> str:
         """Points that stand above those planes."""
         return self._key(_camera(camera), "plane", "above")
+
+    def scene(self, camera: str) -> str:
+        """What the finders see on its clouds: surfaces, what stands there, and where nothing was measured."""
+        return self._key(_camera(camera), "scene")
 
     @property
     def tf_static(self) -> str:

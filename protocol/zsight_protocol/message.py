@@ -11,7 +11,7 @@ from pydantic_core import core_schema
 if TYPE_CHECKING:
     from pydantic import GetCoreSchemaHandler
 
-__all__ = ["Bare", "Count", "Extras", "Float64", "Header", "Message", "Time", "Tuple3", "Tuple4"]
+__all__ = ["Bare", "Count", "Extras", "Float64", "Header", "Message", "Time", "Tuple2", "Tuple3", "Tuple4"]
 
 
 class Message(BaseModel):
@@ -40,6 +40,7 @@ Count = Annotated[int, Field(ge=0, lt=2**63)]
 Extras = dict[str, JsonValue]  # what users carry along: text, numbers, truth values, lists and maps of them
 Float64 = Annotated[float, Field(allow_inf_nan=False)]
 # msgpack knows one kind of sequence, so a list on the wire may become a tuple here; the numbers inside stay strict.
+Tuple2 = Annotated[tuple[Float64, Float64], Strict(False)]
 Tuple3 = Annotated[tuple[Float64, Float64, Float64], Strict(False)]
 Tuple4 = Annotated[tuple[Float64, Float64, Float64, Float64], Strict(False)]
 

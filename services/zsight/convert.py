@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from zsight_core.points import Points
 
-__all__ = ["cloud_from_points", "matrix_of", "points_of", "pose_of", "stamped", "vector"]
+__all__ = ["cloud_from_points", "matrix_of", "point", "points_of", "pose_of", "stamped", "vector"]
 
 _FORMATS = {
     Datatype.INT8: "i1",
@@ -119,8 +119,7 @@ def matrix_of(pose: Pose | Transform) -> NDArray[np.float64]:
 
 def pose_of(T: NDArray[np.float64]) -> Pose:
     """The pose of a matrix (4, 4)."""
-    x, y, z = (float(value) for value in T[:3, 3])
-    return Pose(position=Point(x=x, y=y, z=z), orientation=_quaternion(T))
+    return Pose(position=point(T[:3, 3]), orientation=_quaternion(T))
 
 
 def stamped(T_parent_child: NDArray[np.float64], parent: str, child: str, stamp: Time) -> TransformStamped:
@@ -130,6 +129,12 @@ def stamped(T_parent_child: NDArray[np.float64], parent: str, child: str, stamp:
         child_frame_id=child,
         transform=Transform(translation=vector(T_parent_child[:3, 3]), rotation=_quaternion(T_parent_child)),
     )
+
+
+def point(values: Sequence[float] | NDArray[np.floating]) -> Point:
+    """A point message of three numbers."""
+    x, y, z = (float(value) for value in values)
+    return Point(x=x, y=y, z=z)
 
 
 def vector(values: Sequence[float] | NDArray[np.floating]) -> Vector3:

@@ -17,6 +17,7 @@ from zsight.action_server import ActionServer, Policy
 from zsight.catalogue_server import serve_catalogue
 from zsight.convert import points_of
 from zsight.errors import UsageError, ZsightError
+from zsight.scenes import Scenes
 from zsight.settings import Settings as ServiceSettings
 from zsight.transforms import TransformBuffer, TransformUnknown
 from zsight_core import find as find_core
@@ -27,6 +28,7 @@ from zsight_protocol.find_object import Capture, FindObjectGoal, FindObjectResul
 from zsight_protocol.geometry import TransformList
 from zsight_protocol.message import Header, Time
 from zsight_protocol.point_cloud import PointCloud2
+from zsight_protocol.scene import Scene
 
 if TYPE_CHECKING:
     import numpy as np
@@ -55,6 +57,12 @@ class Settings(ServiceSettings):
     queue: int = Field(16, ge=0, le=10000, description="goals that may wait; more are refused as busy (0 to 10000)")
     oldest: float = Field(
         2.0, gt=0, le=3600, description="greatest age of a cloud that is searched, seconds (above 0, up to 3600)"
+    )
+    scene_rate: float = Field(
+        2.0,
+        ge=0,
+        le=100,
+        description="scenes a second that are published without a goal, where somebody reads them (0 to 100)",
     )
 
 
@@ -90,12 +98,13 @@ class FindObject:
         self._newest: tuple[PointCloud2, float] | None = None
         self._came = threading.Condition()
         self._stages: OrderedDict[int, dict[str, float]] = OrderedDict()
-        self._scenes: dict[tuple[int, float | None], scene_core.Scene] = {}
-        self._scene_lock = threading.Lock()
+        self._scenes = Scenes(bus.writer(bus.cell.scene(settings.camera), Scene), settings.name)
 
     def start_reading(self) -> None:
-        """Keep the newest cloud and all transforms, on threads that end with the bus."""
+        """Keep the newest cloud and all transforms, and publish scenes, on threads that end with the bus."""
         threading.Thread(target=self._read_clouds, args=(self._clouds,), name="clouds", daemon=True).start()
+        if self._settings.scene_rate > 0:
+            threading.Thread(target=self._publish_scenes, name="scenes", daemon=True).start()
         for reader, static in ((self._static, True), (self._moving, False)):
             threading.Thread(
                 target=self._read_transforms, args=(reader, static), name="transforms", daemon=True
@@ -113,6 +122,27 @@ class FindObject:
     def _read_transforms(self, reader: Reader[TransformList], static: bool) -> None:
         for transforms in reader:
             self._buffer.put(transforms, static=static)
+
+    def _publish_scenes(self) -> None:
+        """Understand the newest cloud at the rate of the settings while somebody reads the scenes."""
+        last, said = None, ""
+        while not self._stopping.wait(1 / self._settings.scene_rate):
+            newest = self._newest
+            if newest is None or newest[0] is last or not self._scenes.is_read():
+                continue
+            last = newest[0]
+            wrong = self._scene_trouble(last)
+            if wrong and wrong != said:  # a camera that goes on so must not fill the log
+                log.warning("no scene of the cloud at %d ns: %s", last.header.stamp.ns, wrong)
+            said = wrong
+
+    def _scene_trouble(self, cloud: PointCloud2) -> str:
+        """Make and publish the scene of a cloud; why there is none, or nothing."""
+        try:
+            self._scenes.of(cloud, T_world_camera=self._gravity(cloud))
+        except (ZsightError, CoreError) as error:
+            return str(error)
+        return ""
 
     # The action.
 
@@ -171,7 +201,12 @@ class FindObject:
         }
         frame, T_frame_camera = self._frame_for(handle, cloud)
         kind = self._catalogue.resolve(goal.object_type)
-        scene = self._scene_of(cloud, goal.known_height, handle)
+        scene = self._scenes.of(
+            cloud,
+            T_world_camera=self._gravity(cloud),
+            known_height=goal.known_height,
+            checkpoint=handle.checkpoint,
+        )
         handle.notes |= {"supports": len(scene.supports), "segments": len(scene.segments)}
         answer = finding.find(
             points_of(cloud),
@@ -183,6 +218,7 @@ class FindObject:
             maximum=goal.maximum,
             checkpoint=handle.checkpoint,
         )
+        self._scenes.tell(scene, answer.explained)
         result = finding.result_of(
             answer,
             self._catalogue,
@@ -279,23 +315,6 @@ class FindObject:
                     raise
                 handle.checkpoint("transforms", 0.0)
                 self._stopping.wait(_WAIT_STEP)
-
-    def _scene_of(
-        self,
-        cloud: PointCloud2,
-        known_height: float | None,
-        handle: GoalHandle[FindObjectGoal, FindObjectResult],
-    ) -> scene_core.Scene:
-        """The scene stage of a cloud, made once and shared by all goals on it."""
-        key = (cloud.header.stamp.ns, known_height)
-        gravity = self._gravity(cloud)
-        with self._scene_lock:
-            if key not in self._scenes:
-                made = scene_core.understand(
-                    points_of(cloud), T_world_camera=gravity, known_height=known_height, checkpoint=handle.checkpoint
-                )
-                self._scenes = {key: made}
-            return self._scenes[key]
 
     def _gravity(self, cloud: PointCloud2) -> NDArray[np.float64] | None:
         """Where the camera is in the world, if the world is known: its z is up."""

@@ -93,6 +93,8 @@ def _scalars(annotation: Any, marks: list[Any]) -> st.SearchStrategy[Any]:
         return st.floats(low, high, exclude_min=open_end, allow_nan=False, allow_infinity=False)
     if annotation is str:
         return _texts(marks)
+    if annotation is bytes:
+        return st.binary(max_size=16)
     if issubclass(annotation, Enum):
         return st.sampled_from(list(annotation))
     if issubclass(annotation, Message):

@@ -24,6 +24,7 @@ KEYS: dict[str, KeyOf] = {
     "*/plane": lambda cell, a, _b: cell.plane(a),
     "*/plane/points": lambda cell, a, _b: cell.plane_points(a),
     "*/plane/above": lambda cell, a, _b: cell.points_above_plane(a),
+    "*/scene": lambda cell, a, _b: cell.scene(a),
     "tf": lambda cell, _a, _b: cell.tf,
     "tf_static": lambda cell, _a, _b: cell.tf_static,
     "find_object/*": lambda cell, a, _b: cell.find_object(a),

@@ -63,7 +63,7 @@ PUBLIC = {
         "Vector3",
     ],
     "health": ["Health", "Latency", "Level", "ReaderHealth", "WriterHealth"],
-    "message": ["Bare", "Count", "Extras", "Float64", "Header", "Message", "Time", "Tuple3", "Tuple4"],
+    "message": ["Bare", "Count", "Extras", "Float64", "Header", "Message", "Time", "Tuple2", "Tuple3", "Tuple4"],
     "object_type": [
         "BoxShape",
         "CatalogAnswer",
@@ -78,6 +78,7 @@ PUBLIC = {
         "TypeName",
     ],
     "point_cloud": ["Buffer", "Datatype", "MAXIMUM_BYTES", "MAXIMUM_POINTS", "PointCloud2", "PointField"],
+    "scene": ["HeightLayer", "LabelImage", "MissingDepth", "Scene", "SceneSegment", "SupportSurface"],
 }
 
 

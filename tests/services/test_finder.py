@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 from tests.services.running import running
-from tests.services.waiting import soon
+from tests.services.waiting import DEADLINE, soon
 
 from zsight import finder
 from zsight.client import CellClient, answer_of
@@ -21,12 +21,13 @@ from zsight_protocol.geometry import Region, TransformList
 from zsight_protocol.message import Time
 from zsight_protocol.object_type import BoxShape, ObjectType, ShapeOf
 from zsight_protocol.point_cloud import PointCloud2
+from zsight_protocol.scene import Scene
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
 
-    from zsight.bus import Bus
+    from zsight.bus import Bus, Reader
     from zsight_core.points import Points
 
     Join = Callable[[], Bus]
@@ -163,6 +164,55 @@ def test_goals_on_one_cloud_share_its_scene(start: Callable[..., Stage], monkeyp
     assert len(understood) == 1
     stage.show()
     assert soon(lambda: bool(stage.client.find("toy_block").objects) and len(understood) == 2)
+
+
+# The scene.
+
+
+def test_a_scene_is_published_once_a_cloud_and_again_when_a_find_explains_it(start: Callable[..., Stage]) -> None:
+    stage = start(scene_rate=0)
+    scenes = stage.client.bus.reader(stage.client.bus.cell.scene("kinect"), Scene)
+    stamp = stage.show()
+    stage.client.find("coke_can")
+    first = taken(scenes)
+    stage.client.find("toy_block")
+    second = taken(scenes)
+    for scene in (first, second):
+        assert (scene.header.stamp, scene.header.frame_id, scene.finder) == (stamp, FRAME, "finder")
+        assert scene.supports[0].height == pytest.approx(0.7747, abs=0.0005)
+    assert [segment.type for segment in first.segments if segment.support == 0] == [""]
+    assert [segment.type for segment in second.segments if segment.support == 0] == ["toy_block"]
+    for name in ("coke_can", "toy_block"):
+        stage.client.find(name)
+    after = stage.show()
+    assert soon(lambda: stage.client.find("coke_can").header.stamp == after)
+    assert taken(scenes).header.stamp == after
+    assert scenes.counter.received == 3
+
+
+def test_a_scene_is_published_without_a_goal(start: Callable[..., Stage]) -> None:
+    stage = start(scene_rate=100)
+    scenes = stage.client.bus.reader(stage.client.bus.cell.scene("kinect"), Scene)
+    stamp = stage.show()
+    assert taken(scenes).header.stamp == stamp
+
+
+def test_a_cloud_without_data_ends_no_scenes(start: Callable[..., Stage], caplog: pytest.LogCaptureFixture) -> None:
+    stage = start(scene_rate=100)
+    scenes = stage.client.bus.reader(stage.client.bus.cell.scene("kinect"), Scene)
+    good, stage.points = stage.points, stage.points.copy()
+    stage.points["z"] = np.nan
+    stage.show()
+    assert soon(lambda: "no scene of the cloud" in caplog.text)
+    stage.points = good
+    stamp = stage.show()
+    assert taken(scenes).header.stamp == stamp
+
+
+def taken(scenes: Reader[Scene]) -> Scene:
+    received = scenes.take(DEADLINE)
+    assert received is not None
+    return received.message
 
 
 # Late, or not at all.
