@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from zsight.services import SERVICES, Service
-from zsight.settings import describe
+from zsight.settings import Settings, describe, is_live, variable
 from zsight_protocol.channels import CHANNELS, Channel
 
 if TYPE_CHECKING:
@@ -20,8 +20,13 @@ DOCS = Path(__file__).resolve().parent
 
 SETTINGS_HEAD = """# Settings of the services
 
-Every service takes its settings as options, `zsight run voxel --leaf 0.01`, or as entries of its table in the file that
-`zsight up FILE.toml` reads:
+Every setting can be given in five places; the first that has it counts:
+
+1. an option, `zsight run voxel --leaf 0.01`;
+2. what was saved at run time, `zsight param set voxel leaf 0.01 --save`;
+3. an environment variable, `ZSIGHT_VOXEL_LEAF=0.01`: the process's name, then the setting's;
+4. the process's table in the file that `zsight up FILE.toml` reads;
+5. the default.
 
 ```toml
 # two_cameras.toml
@@ -43,8 +48,16 @@ leaf = 0.01
 ```
 
 A process is named by its table; `service` says which service it runs where the two differ. `namespace`, `connect` and
-`listen` may stand above the tables. In the file underscores take the place of the hyphens. `-` stands for a default
-of nothing.
+`listen` may stand above the tables. In the file and in variables underscores take the place of the hyphens; the
+variables below are those of a process that bears its service's name. `-` stands for a default of nothing.
+
+## At run time
+
+`zsight param list` shows the settings of all running processes, `zsight param get PROCESS SETTING` one of them, and
+`zsight param set PROCESS SETTING VALUE` changes those marked *yes* below from the next cloud, patch or goal on. The
+others are read at the start: `--save` keeps a value for the next one, in
+`~/.config/zsight/saved/NAMESPACE/PROCESS.json` on the process's own host. A value out of range is refused, whatever it
+comes from. The same from a program: `cell.parameters` of [the client](../client.md).
 
 This page is made from the code by `python docs/generate.py`.
 """
@@ -90,6 +103,7 @@ def _readable(pattern: str) -> str:
     names = {
         "find_object": ["FINDER"],
         "catalog": ["TYPE"],
+        "param": ["HOST", "PROCESS"],
         "@health": ["HOST", "PROCESS"],
         "@alive": ["HOST", "PROCESS"],
     }
@@ -114,9 +128,17 @@ def settings_page(services: tuple[Service, ...]) -> str:
 
 
 def _service_part(row: Service) -> str:
-    rows = [(f"`--{name}`", f"`{default}`", words) for name, default, words in describe(row.settings())]
-    table = _table(("setting", "default", "meaning"), rows) if rows else "No settings.\n"
+    kind = row.settings()
+    rows = [
+        (f"`--{name}`", f"`{variable(row.name, name)}`", f"`{default}`", _when(kind, name), words)
+        for name, default, words in describe(kind)
+    ]
+    table = _table(("setting", "environment", "default", "at run time", "meaning"), rows) if rows else "No settings.\n"
     return f"\n## {row.name}\n\n{row.does[0].upper()}{row.does[1:]}.\n\n{table}"
+
+
+def _when(kind: type[Settings], name: str) -> str:
+    return "yes" if is_live(kind, name.replace("-", "_")) else "restart"
 
 
 def _table(headings: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> str:

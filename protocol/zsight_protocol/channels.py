@@ -14,6 +14,7 @@ from zsight_protocol.find_object import FindObjectGoal, FindObjectResult
 from zsight_protocol.geometry import Plane, TransformList
 from zsight_protocol.health import Health
 from zsight_protocol.object_type import CatalogRequest
+from zsight_protocol.parameter import ParameterRequest
 from zsight_protocol.point_cloud import PointCloud2
 from zsight_protocol.scene import Scene
 
@@ -63,6 +64,7 @@ CHANNELS = (
     Channel("find_object/*/status", GoalStatusList, Delivery.LATCHED),
     Channel("find_object/*/feedback", Update[FindObjectResult], Delivery.EVERY),
     Channel("catalog/*", CatalogRequest, Delivery.REQUEST),
+    Channel("param/*/*", ParameterRequest, Delivery.REQUEST),
     Channel("@health/*/*", Health, Delivery.LATEST),
     Channel("@alive/*/*", None, Delivery.TOKEN),
 )
@@ -199,6 +201,10 @@ class Cell:
     def catalog(self, name: str) -> str:
         """One type of the catalogue; '*' for all."""
         return self._key("catalog", _name_or_any(name, "type"))
+
+    def parameters(self, host: str, process: str) -> str:
+        """Settings of a process; '*' for any host or process."""
+        return self._key("param", _name_or_any(host.lower(), "host"), _name_or_any(process, "process"))
 
     def health(self, host: str, process: str) -> str:
         """Beats of a process; '*' for any host or process. Hosts stand in lower case: their case says nothing."""

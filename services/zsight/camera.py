@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import logging
+import math
 import time
 from typing import TYPE_CHECKING
 
 from pydantic import Field
 
 from zsight.convert import cloud_from_points
+from zsight.settings import Live
 from zsight.settings import Settings as ServiceSettings
 from zsight.sources import open_source
 from zsight_core.errors import FileError
@@ -18,7 +20,7 @@ from zsight_protocol.message import Time
 from zsight_protocol.point_cloud import PointCloud2
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
     from zsight.bus import Bus
     from zsight.sources import Source
@@ -27,6 +29,8 @@ if TYPE_CHECKING:
 __all__ = ["Settings", "run"]
 
 log = logging.getLogger(__name__)
+
+_LOOK = 0.1  # seconds between two looks at the rate while the next cloud waits for its time
 
 
 class Settings(ServiceSettings):
@@ -37,10 +41,10 @@ class Settings(ServiceSettings):
         "book",
         description="ellipse; a scene's name or .yaml file; a .pcd or .ply file; a folder of those, or of RGB-D pairs",
     )
-    rate: float | None = Field(
+    rate: Live[float | None] = Field(
         None, gt=0, le=1000, description="clouds a second (above 0, up to 1000); the source's own if not given"
     )
-    loop: bool = Field(True, description="begin again after the last file; otherwise stop there")
+    loop: Live[bool] = Field(True, description="begin again after the last file; otherwise stop there")
     frame: str = Field("", description="frame of clouds from files; CAMERA_optical_frame if not given")
     pose: str = Field(
         "", description="x y z qx qy qz qw of that frame in the world, metres, where known; viewpoint: the .pcd file's"
@@ -60,13 +64,13 @@ def run(bus: Bus, settings: Settings) -> None:
         bus.writer(bus.cell.camera_info(settings.camera), CameraInfo).send(source.camera_info)
     if source.transforms is not None:
         bus.writer(bus.cell.tf_static, TransformList).send(source.transforms)
-    clouds = _stream(source, loop=settings.loop)
+    clouds = _stream(source, settings)
     bus.ready()
-    for points in _paced(clouds, settings.rate or source.rate, bus):
+    for points in _paced(clouds, lambda: settings.rate or source.rate, bus):
         writer.send(cloud_from_points(points, Time.now(), source.frame_id))
 
 
-def _stream(source: Source, *, loop: bool) -> Iterator[Points]:
+def _stream(source: Source, settings: Settings) -> Iterator[Points]:
     """The source's clouds, over and over where asked; an unreadable file is logged and passed over."""
     told: set[str] = set()  # what was logged already: a folder in a loop comes back to its bad file for ever
     while True:
@@ -87,16 +91,18 @@ def _stream(source: Source, *, loop: bool) -> Iterator[Points]:
                 continue
             sent += 1
             yield points
-        if not loop or not sent:
+        if not settings.loop or not sent:
             return
 
 
-def _paced(clouds: Iterator[Points], rate: float, bus: Bus) -> Iterator[Points]:
+def _paced(clouds: Iterator[Points], rate: Callable[[], float], bus: Bus) -> Iterator[Points]:
     """Each cloud at its time; a cloud that took too long shifts those behind it instead of crowding them."""
-    due = time.monotonic()
+    last = -math.inf
     for points in clouds:
-        if bus.stopping.wait(max(due - time.monotonic(), 0.0)):
+        while (left := last + 1 / rate() - time.monotonic()) > 0 and not bus.stopping.wait(min(left, _LOOK)):
+            pass  # the rate may have changed meanwhile
+        if bus.stopping.is_set():
             return
-        now = time.monotonic()
-        due = (due if now - due < 1 / rate else now) + 1 / rate
+        now, gap = time.monotonic(), 1 / rate()
+        last = last + gap if now - last < 2 * gap else now
         yield points

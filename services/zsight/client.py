@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import threading
 import time
-from typing import TYPE_CHECKING, Any, TypedDict, TypeVar, Unpack
+from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
 import numpy as np
 from pydantic import ValidationError
@@ -28,14 +28,15 @@ from zsight.errors import (
 )
 from zsight.merging import MergedObject, merge
 from zsight.network import Network
+from zsight.parameter_client import ParameterClient
+from zsight.question import ask_question
 from zsight_protocol.action import GoalState, ResultRequest, Update, UpdateList, new_goal_id
 from zsight_protocol.channels import ANY_FINDER
 from zsight_protocol.channels import Cell as Keys
-from zsight_protocol.codec import decode, encode
 from zsight_protocol.errors import DecodeError
 from zsight_protocol.find_object import Capture, FindObjectGoal, FindObjectResult, ResultCode
 from zsight_protocol.geometry import Plane, Region
-from zsight_protocol.message import Message, Time
+from zsight_protocol.message import Time
 from zsight_protocol.object_type import CatalogAnswer, CatalogRequest
 from zsight_protocol.point_cloud import PointCloud2
 
@@ -48,8 +49,6 @@ if TYPE_CHECKING:
 __all__ = ["Catalog", "CellClient", "Cloud", "FindOptions", "answer_of", "connect"]
 
 ALL = "*"
-
-_REQUEST_TIMEOUT = 2.0  # seconds for questions that are answered at once
 
 
 def connect(endpoint: str | None = None, *, namespace: str | None = None) -> CellClient:
@@ -129,6 +128,7 @@ class CellClient:
         """Args: bus, closed with the client."""
         self.bus = bus
         self.catalog = Catalog(bus)
+        self.parameters = ParameterClient(bus)
 
     def __enter__(self) -> CellClient:
         """The client itself."""
@@ -251,7 +251,7 @@ class CellClient:
         """How goals of the last minute stand or ended: one, or all of them, oldest first."""
         kind: type[UpdateList[FindObjectResult]] = UpdateList[FindObjectResult]
         key = self.bus.cell.result(finder)
-        answers = _ask(self.bus, key, ResultRequest(goal_id=goal_id), kind, everyone=finder == ALL)
+        answers = ask_question(self.bus, key, ResultRequest(goal_id=goal_id), kind, everyone=finder == ALL)
         return [update for answer in answers for update in answer.updates]
 
     def clouds(self, key: str = "kinect/points", *, timeout: float | None = None) -> Iterator[Cloud]:
@@ -313,7 +313,7 @@ class Catalog:
         return self._ask(_about("delete", name), name).message
 
     def _ask(self, request: CatalogRequest, name: str) -> CatalogAnswer:
-        answers = _ask(self._bus, self._bus.cell.catalog(name), request, CatalogAnswer, everyone=False)
+        answers = ask_question(self._bus, self._bus.cell.catalog(name), request, CatalogAnswer, everyone=False)
         if not answers:
             raise NobodyAnswers("nobody serves a catalogue: start a finder with: zsight up")
         if not answers[0].ok:
@@ -327,22 +327,6 @@ def _about(action: str, name: str) -> CatalogRequest:
     except ValidationError:
         expected = "expected lower-case letters, digits and '_', such as toy_block, or a number of the book"
         raise UsageError(f"no type can be called {name!r}; {expected}") from None
-
-
-M = TypeVar("M", bound=Message)
-
-
-def _ask(bus: Bus, key: str, request: Message, kind: type[M], *, everyone: bool) -> list[M]:
-    """Every answer to a question that is answered at once."""
-    replies = bus.ask(key, encode(request), _REQUEST_TIMEOUT, everyone=everyone)
-    answers: list[M] = []
-    try:
-        while (payload := replies.take(_REQUEST_TIMEOUT)) is not None:
-            answers.append(decode(kind, payload))
-    except TimeoutError:
-        replies.close()
-        raise DeadlinePassed(f"no answer on {key} within {_REQUEST_TIMEOUT:g} s") from None
-    return answers
 
 
 def answer_of(update: Update[FindObjectResult]) -> FindObjectResult:

@@ -18,6 +18,7 @@ from zsight.catalogue_server import serve_catalogue
 from zsight.convert import points_of
 from zsight.errors import UsageError, ZsightError
 from zsight.scenes import Scenes
+from zsight.settings import Live
 from zsight.settings import Settings as ServiceSettings
 from zsight.transforms import TransformBuffer, TransformUnknown
 from zsight_core import find as find_core
@@ -55,7 +56,7 @@ class Settings(ServiceSettings):
     catalogue: str = Field("", description="folder of further object types (YAML files)")
     parallel: int = Field(1, ge=1, le=64, description="goals at work at once (1 to 64)")
     queue: int = Field(16, ge=0, le=10000, description="goals that may wait; more are refused as busy (0 to 10000)")
-    oldest: float = Field(
+    oldest: Live[float] = Field(
         2.0, gt=0, le=3600, description="greatest age of a cloud that is searched, seconds (above 0, up to 3600)"
     )
     scene_rate: float = Field(

@@ -14,6 +14,7 @@ import numpy as np
 from pydantic import Field
 
 from zsight.convert import cloud_from_points, points_of, pose_of, vector
+from zsight.settings import Live
 from zsight.settings import Settings as ServiceSettings
 from zsight_core import above_plane, connected, filters, plane, statistics, take
 from zsight_core.errors import CoreError
@@ -39,14 +40,16 @@ class Settings(ServiceSettings):
     """Settings of the planes service."""
 
     camera: str = Field("kinect", description="camera whose clouds and patches are read")
-    tolerance: float = Field(
+    tolerance: Live[float] = Field(
         0.01, gt=0, le=1, description="how near a point of the plane lies, metres (above 0, up to 1)"
     )
-    connected: bool = Field(False, description="only points connected to the patch")
-    gap: float = Field(0.03, gt=0, le=1, description="longest step between connected points, metres (above 0, up to 1)")
-    above: bool = Field(False, description="publish the points that stand above the plane as well")
-    above_low: float = Field(0.015, ge=0, le=10, description="least height of those, metres (0 to 10)")
-    above_high: float = Field(0.5, ge=0, le=10, description="greatest height of those, metres (0 to 10)")
+    connected: Live[bool] = Field(False, description="only points connected to the patch")
+    gap: Live[float] = Field(
+        0.03, gt=0, le=1, description="longest step between connected points, metres (above 0, up to 1)"
+    )
+    above: Live[bool] = Field(False, description="publish the points that stand above the plane as well")
+    above_low: Live[float] = Field(0.015, ge=0, le=10, description="least height of those, metres (0 to 10)")
+    above_high: Live[float] = Field(0.5, ge=0, le=10, description="greatest height of those, metres (0 to 10)")
 
 
 @dataclass(frozen=True)
@@ -70,6 +73,7 @@ def run(bus: Bus, settings: Settings) -> None:
     bus.ready()
     cloud: PointCloud2 | None = None
     for patch in patches:
+        now = settings.model_copy()  # one patch is treated alike throughout
         newest = clouds.take(_FRESH_WAIT if cloud is not None else _CLOUD_WAIT)
         cloud = newest.message if newest is not None else cloud
         if cloud is None:
@@ -79,14 +83,14 @@ def run(bus: Bus, settings: Settings) -> None:
             log.warning("patch is in frame %s, the cloud in %s", patch.header.frame_id, cloud.header.frame_id)
             continue
         try:
-            found = plane_of_patch(points_of(cloud), points_of(patch), settings)
+            found = plane_of_patch(points_of(cloud), points_of(patch), now)
         except CoreError as error:
             log.warning("no plane of this patch: %s", error)
             continue
-        planes.send(plane_message(found, cloud, settings.tolerance))
+        planes.send(plane_message(found, cloud, now.tolerance))
         _send_points(inside, cloud, found.members)
-        if settings.above:
-            low, high = settings.above_low, settings.above_high
+        if now.above:
+            low, high = now.above_low, now.above_high
             standing = above_plane.points_above(points_of(cloud), found.fit.plane, low, high, found.members)
             if standing.size:
                 above.send(cloud_from_points(standing, cloud.header.stamp, cloud.header.frame_id))

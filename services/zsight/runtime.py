@@ -18,6 +18,7 @@ from zsight import shared_memory
 from zsight.bus import Bus
 from zsight.bus.zenoh_link import open_link, open_router
 from zsight.errors import ConnectionLost, ZsightError
+from zsight.parameters import Parameters, Saved, serve_parameters
 from zsight_core.errors import CoreError
 from zsight_protocol.channels import Cell
 from zsight_protocol.codec import encode
@@ -108,6 +109,9 @@ def run_service(service: Service, settings: Settings, process: str, network: Net
         log.error("%s", error)
         return error.exit_code
     with bus, _beating(bus, service, process):
+        serve_parameters(
+            bus, host_name(), process, service.name, Parameters(settings, Saved(network.namespace, process))
+        )
         threading.Thread(target=_stop_bus, args=(stopping, bus), name="stop", daemon=True).start()
         try:
             loop(bus, settings)

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 from zsight import shared_memory
 from zsight.errors import ConnectionLost, UsageError, ZsightError
 from zsight.runtime import SUPERVISED, host_name, join
+from zsight.settings import variable
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -163,11 +164,10 @@ class Supervisor:
     def _launch(self, child: Child) -> None:
         entry = child.entry
         command = [sys.executable, "-m", "zsight", "run", entry.service, "--process", entry.name]
-        for name, value in entry.settings.items():
-            command += [f"--{name.replace('_', '-')}", str(value)]
+        table = {variable(entry.name, name): str(value) for name, value in entry.settings.items()}
         child.process = subprocess.Popen(
             command,
-            env={**os.environ, **self._network.environment(), SUPERVISED: "1"},
+            env={**table, **os.environ, **self._network.environment(), SUPERVISED: "1"},
             stdin=subprocess.PIPE,  # its end tells the process that its supervisor is gone
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from pydantic import Field
 
 from zsight.convert import cloud_from_points, points_of
+from zsight.settings import Live
 from zsight.settings import Settings as ServiceSettings
 from zsight_core import voxel_grid
 from zsight_core.errors import CoreError
@@ -25,7 +26,7 @@ class Settings(ServiceSettings):
     """Settings of the voxel service."""
 
     camera: str = Field("kinect", description="camera whose clouds are read")
-    leaf: float = Field(0.02, gt=0, le=10, description="edge of a voxel, metres (above 0, up to 10)")
+    leaf: Live[float] = Field(0.02, gt=0, le=10, description="edge of a voxel, metres (above 0, up to 10)")
 
 
 def run(bus: Bus, settings: Settings) -> None:

@@ -33,10 +33,11 @@ KEYS: dict[str, KeyOf] = {
     "find_object/*/status": lambda cell, a, _b: cell.status(a),
     "find_object/*/feedback": lambda cell, a, _b: cell.feedback(a),
     "catalog/*": lambda cell, a, _b: cell.catalog(a),
+    "param/*/*": lambda cell, a, b: cell.parameters(a, b),
     "@health/*/*": lambda cell, a, b: cell.health(a, b),
     "@alive/*/*": lambda cell, a, b: cell.alive(a, b),
 }
-RESERVED = {"tf", "tf_static", "find_object", "catalog", "@health", "@alive"}
+RESERVED = {"tf", "tf_static", "find_object", "catalog", "param", "@health", "@alive"}
 
 # The words of the table itself are the names most likely to be mistaken for a row.
 words = sorted({chunk for row in CHANNELS for chunk in row.pattern.split("/")} - {"*"} - {"@health", "@alive"})
@@ -81,7 +82,7 @@ def test_a_key_for_any_name_leads_to_the_same_row(row: Channel) -> None:
 def test_a_name_that_cannot_stand_in_a_key_is_refused(row: Channel, name: str) -> None:
     if "*" not in row.pattern:
         return
-    if row.pattern.startswith("@") and name == "A":
+    if row.pattern.startswith(("@", "param")) and name == "A":
         assert KEYS[row.pattern](Cell(), "A", "a") == KEYS[row.pattern](Cell(), "a", "a")  # hosts ignore case
         return
     with pytest.raises(KeyNameError, match="expected lower-case letters"):

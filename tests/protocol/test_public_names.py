@@ -77,6 +77,7 @@ PUBLIC = {
         "SurfaceShape",
         "TypeName",
     ],
+    "parameter": ["Parameter", "ParameterAnswer", "ParameterRequest"],
     "point_cloud": ["Buffer", "Datatype", "MAXIMUM_BYTES", "MAXIMUM_POINTS", "PointCloud2", "PointField"],
     "scene": ["HeightLayer", "LabelImage", "MissingDepth", "Scene", "SceneSegment", "SupportSurface"],
 }

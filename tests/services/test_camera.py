@@ -145,18 +145,27 @@ def worked(clock: Clock, seconds: list[float]) -> Iterator[Any]:
 
 
 def test_clouds_come_at_their_rate(clock: Clock) -> None:
-    times = [clock.now for _ in camera._paced(worked(clock, [0.0, 0.03, 0.09, 0.0]), 10, clock.bus)]
+    times = [clock.now for _ in camera._paced(worked(clock, [0.0, 0.03, 0.09, 0.0]), lambda: 10, clock.bus)]
     assert times == pytest.approx([0.0, 0.1, 0.2, 0.3])
 
 
 def test_a_slow_cloud_shifts_the_others_and_none_is_crowded(clock: Clock) -> None:
-    times = [clock.now for _ in camera._paced(worked(clock, [0.0, 0.35, 0.0, 0.0]), 10, clock.bus)]
+    times = [clock.now for _ in camera._paced(worked(clock, [0.0, 0.35, 0.0, 0.0]), lambda: 10, clock.bus)]
     assert times == pytest.approx([0.0, 0.35, 0.45, 0.55])
+
+
+def test_a_new_rate_holds_before_the_next_cloud(clock: Clock) -> None:
+    times = [
+        clock.now for _ in camera._paced(worked(clock, [0.0] * 3), lambda: 0.01 if clock.now < 5 else 1, clock.bus)
+    ]
+    assert times[0] == 0.0
+    assert times[1] == pytest.approx(5.0, abs=0.11)
+    assert times[2] - times[1] == pytest.approx(1.0)
 
 
 def test_stop_ends_the_wait(clock: Clock) -> None:
     times = []
-    for _ in camera._paced(worked(clock, [0.0] * 5), 10, clock.bus):
+    for _ in camera._paced(worked(clock, [0.0] * 5), lambda: 10, clock.bus):
         times.append(clock.now)
         if len(times) == 2:
             clock.bus.stop()

@@ -25,6 +25,7 @@ COMMANDS = {
     "topic": "topics:app",
     "node": "nodes:app",
     "catalog": "catalog:app",
+    "param": "parameters:app",
     "why": "explaining:why",
     "calibrate": "explaining:calibrate",
     "warm": "running:warm",

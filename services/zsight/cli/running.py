@@ -25,9 +25,9 @@ def run(
     listen: Annotated[str | None, typer.Option("--listen", help="Where a router listens (comma between).")] = None,
 ) -> None:
     """Run one service here until Ctrl-C; its settings follow as options (zsight run SERVICE --help lists them)."""
+    from zsight.parameters import load
     from zsight.services import SERVICES
     from zsight.services import service as find_service
-    from zsight.settings import parse
 
     if service in ("", "-h", "--help"):
         print_table(["service", "does"], [(row.name, row.does) for row in SERVICES])
@@ -37,8 +37,8 @@ def run(
     if {"-h", "--help"} & set(context.args):
         _describe(row.name)
         raise typer.Exit(0)
-    settings = parse(row.settings(), _options(context.args))
     network = network_of(connect, namespace)
+    settings = load(row.settings(), process or row.name, network.namespace, _options(context.args))
     if listen is not None:
         network = replace(network, listen=tuple(part.strip() for part in listen.split(",")))
     from zsight.runtime import run_service
