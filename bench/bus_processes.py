@@ -113,24 +113,26 @@ def writer(pipe: Connection, network: Network, rate: float, height: int, width: 
 
 
 def reader(pipe: Connection, network: Network, work: float) -> None:
-    """Takes clouds, works seconds on each; tells counts, when each was taken at which age (s, ms), how many passed."""
+    """Takes clouds, works seconds on each; tells its counts, and of each cloud when it was taken, its age and surplus.
+
+    Times are in seconds, ages in milliseconds. The surplus is what was counted so far less the cloud's number. It stays
+    as it is, unless something goes by uncounted: then it falls.
+    """
     from zsight.convert import points_of
     from zsight.runtime import join
     from zsight_protocol.point_cloud import PointCloud2
 
-    ages: list[tuple[float, float]] = []
-    first = passed = 0
+    seen: list[tuple[float, float, int]] = []
     bus = join(network)
     clouds = bus.reader(bus.cell.points(CAMERA), PointCloud2)
-    _tell(pipe, lambda: (clouds.counter.health().model_dump(), [ages.pop(0) for _ in range(len(ages))], passed))
+    _tell(pipe, lambda: (clouds.counter.health().model_dump(), [seen.pop(0) for _ in range(len(seen))]))
     while (received := clouds.take()) is not None:
+        counter = clouds.counter
+        counted = counter.received + counter.superseded + counter.lost + counter.refused
         points_of(received.message)
         now = time.time_ns()
-        ages.append((now / 1e9, (now - received.message.header.stamp.ns) / 1e6))
-        sequence = received.attachment.sequence if received.attachment is not None else 0
-        if not first:
-            first = sequence - clouds.counter.superseded - clouds.counter.lost
-        passed = sequence - first + 1
+        number = received.attachment.sequence if received.attachment is not None else 0
+        seen.append((now / 1e9, (now - received.message.header.stamp.ns) / 1e6, counted - number))
         if work:
             time.sleep(work)
 

@@ -8,24 +8,28 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 import time
 from contextlib import ExitStack
 from typing import Any
 
 import numpy as np
-from bus_processes import burner, cell, member, reader, router, writer
+from bus_processes import Member, burner, cell, member, reader, router, writer
 
 _RATE = 30.0
 _SLOW = 0.3  # seconds that the slow reader works on each cloud
+_WARM = 60.0  # seconds before the first look at memory; a fifth of a shorter soak
+_LOOK = 2.0  # seconds between two looks at the figures
+_WORD = 10.0  # seconds between two lines on stderr
+_CALM = 10  # clouds of which one was looked at before the next came, whose surplus is exact
 
 
-def run(minutes: float = 10.0, burners: int = 0, warm: float | None = None) -> list[dict[str, Any]]:
-    """Rows as ``zsight bench --json`` prints them.
+def run(minutes: float = 10.0, burners: int = 0) -> list[dict[str, Any]]:
+    """Rows as ``zsight bench --json`` prints them; a line every ten seconds on stderr meanwhile.
 
     Args:
         minutes: to soak.
         burners: processes that burn processor time meanwhile.
-        warm: seconds before the first look at memory; a minute, or a fifth of a shorter soak.
     """
     network = cell()
     seconds = minutes * 60
@@ -36,43 +40,60 @@ def run(minutes: float = 10.0, burners: int = 0, warm: float | None = None) -> l
             members[name] = stack.enter_context(member(reader, network, work))
         for _ in range(burners):
             stack.enter_context(member(burner))
-        time.sleep(min(warm if warm is not None else 60.0, seconds / 5))
+        soak = _Soak(members)
+        soak.watch(min(_WARM, seconds / 5))
         before = {name: m.resident() for name, m in members.items()}
-        started = members["camera"].figures()[0]
-        ages: dict[str, list[Any]] = {name: [] for name in members}
-        end = time.monotonic() + seconds - min(60.0, seconds / 5)
-        while time.monotonic() < end:
-            time.sleep(2.0)
-            figures = {name: m.figures() for name, m in members.items() if name != "router"}
-            for name, seen in figures.items():
-                ages[name] += seen[1]
+        soak.watch(seconds - min(_WARM, seconds / 5))
         grown = {name: m.resident() - before[name] for name, m in members.items()}
-    return _rows(figures, ages, grown, figures["camera"][0] - started, burners)
+    return _rows(soak, grown, burners)
 
 
-def _rows(
-    figures: dict[str, Any], ages: dict[str, list[Any]], grown: dict[str, int], sent: int, burners: int
-) -> list[dict[str, Any]]:
+class _Soak:
+    """What the members told, collected while they run."""
+
+    def __init__(self, members: dict[str, Member]) -> None:
+        self._members = members
+        self._began = self._told = time.monotonic()
+        self.sent = 0
+        self.counts: dict[str, dict[str, Any]] = {}
+        self.seen: dict[str, list[tuple[float, float, int]]] = {name: [] for name in members if "reader" in name}
+
+    def watch(self, seconds: float) -> None:
+        """Collect for so long."""
+        end = time.monotonic() + seconds
+        while (left := end - time.monotonic()) > 0:
+            time.sleep(min(_LOOK, left))
+            self.sent = self._members["camera"].figures()[0]
+            for name in self.seen:
+                self.counts[name], new = self._members[name].figures()
+                self.seen[name] += new
+            if time.monotonic() - self._told >= _WORD:
+                self._tell()
+
+    def _tell(self) -> None:
+        self._told = time.monotonic()
+        words = (f"{name} {c['received']} received, {c['lost']} lost" for name, c in self.counts.items())
+        print(f"{self._told - self._began:.0f} s: {self.sent} sent; {'; '.join(words)}", file=sys.stderr, flush=True)
+
+
+def _rows(soak: _Soak, grown: dict[str, int], burners: int) -> list[dict[str, Any]]:
     rows: list[dict[str, Any]] = []
 
     def add(name: str, value: float, unit: str, target: float | None, **more: Any) -> None:
         row = {"name": name, "value": round(value, 3), "unit": unit, "peer": None, "peer_value": None, "ratio": None}
         rows.append({**row, "target": target, "holds": None if target is None else value <= target, **more})
 
-    for name, figure in figures.items():
-        if name == "camera":
-            continue
-        counts, _, passed = figure
+    for name, counts in soak.counts.items():
         fates = {kind: counts[kind] for kind in ("received", "superseded", "lost", "late", "refused")}
         target = 0 if "fast" in name and not burners else None
-        add(f"{name}: lost", fates["lost"], f"of {passed} clouds", target, **fates)
-        # Beside burners losses are legal, but each must be counted: the fates add up to what has passed.
-        counted = sum(fates[kind] for kind in ("received", "superseded", "lost", "refused"))
-        add(f"{name}: lost and not counted", max(passed - counted, 0), "clouds", 0)
-        p50, p99 = np.percentile([age for _, age in ages[name]], [50, 99])
+        add(f"{name}: lost", fates["lost"], f"of {soak.sent} clouds", target, **fates)
+        # Beside burners losses are legal, but each must be counted.
+        surplus = [surplus for _, _, surplus in soak.seen[name]]
+        add(f"{name}: lost and not counted", max(min(surplus[:_CALM]) - min(surplus[-_CALM:]), 0), "clouds", 0)
+        p50, p99 = np.percentile([age for _, age, _ in soak.seen[name]], [50, 99])
         add(f"{name}: age of a cloud, median", float(p50), "ms", None, p99=round(float(p99), 2))
     for name, size in grown.items():
-        add(f"{name}: growth of its memory", size / 2**20, "MiB", 2.0, clouds=sent)
+        add(f"{name}: growth of its memory", size / 2**20, "MiB", 2.0)
     return rows
 
 

@@ -11,19 +11,21 @@ from contextlib import ExitStack
 from typing import Any
 
 import numpy as np
-from bus_processes import Member, cell, member, reader, router, writer
+from bus_processes import Member, burner, cell, member, reader, router, writer
 
 _SETTLE = 2.0  # seconds before and after
 
 
-def run(stalled: float = 5.0, rate: float = 30.0) -> list[dict[str, Any]]:
-    """Rows as ``zsight bench --json`` prints them."""
+def run(stalled: float = 5.0, rate: float = 30.0, burners: int = 0) -> list[dict[str, Any]]:
+    """Rows as ``zsight bench --json`` prints them, beside so many processes that burn processor time."""
     network = cell()
     with ExitStack() as stack:
         hub = stack.enter_context(member(router, network))
         camera = stack.enter_context(member(writer, network, rate, 480, 640))
         other = stack.enter_context(member(reader, network, 0.0))
         victim = stack.enter_context(member(reader, network, 0.0))
+        for _ in range(burners):
+            stack.enter_context(member(burner))
         time.sleep(_SETTLE)
         before = [m.figures() for m in (camera, other, victim)]
         os.kill(victim.pid, signal.SIGSTOP)
@@ -42,11 +44,12 @@ def _rows(
     before: list[Any], during: Any, woken: float, grown: list[int], members: tuple[Member, Member, Member]
 ) -> list[dict[str, Any]]:
     camera, other, victim = (m.figures() for m in members)
-    ages = [age for when, age in victim[1] if when >= woken]
+    ages = [age for when, age, _ in victim[1] if when >= woken]
     sent = camera[0] - before[0][0]
     got = {kind: other[0][kind] - before[1][0][kind] for kind in ("received", "superseded", "lost", "late", "refused")}
     slow = {kind: victim[0][kind] - before[2][0][kind] for kind in got}
     figures = [
+        ("put p99 while all readers run", float(np.percentile(before[0][1], 99)), "ms", None),
         ("put p99 while a reader stands still", float(np.percentile(during[1], 99)), "ms", 15.0),
         ("longest put while a reader stands still", max(during[1]), "ms", None),
         ("clouds that another reader lost", float(got["lost"] + got["refused"]), f"of {sent}", 0.0),
@@ -76,8 +79,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--json", action="store_true", help="one JSON object on stdout")
     parser.add_argument("--stalled", type=float, default=5.0, help="seconds that the reader stands still")
+    parser.add_argument("--rate", type=float, default=30.0, help="clouds a second")
+    parser.add_argument("--burners", type=int, default=0, help="processes that burn processor time meanwhile")
     arguments = parser.parse_args()
-    rows = run(arguments.stalled)
+    rows = run(arguments.stalled, arguments.rate, arguments.burners)
     if arguments.json:
         print(json.dumps({"rows": rows}))
         return

@@ -55,11 +55,11 @@ def test_a_cloud_comes_bit_for_bit(join_zenoh: Join) -> None:
     assert points_of(received.message).tobytes() == points.tobytes()
 
 
-def test_big_payloads_travel_in_shared_memory_and_small_ones_do_not(join_zenoh: Join) -> None:
+def test_big_payloads_of_which_the_newest_matters_travel_in_shared_memory(join_zenoh: Join) -> None:
     sender, receiver = join_zenoh(), join_zenoh()
     samples: Arrivals[RawSample] = Arrivals()
-    _reader = receiver.link.reader("test/big", Delivery.EVERY, samples.add)
-    writer = sender.link.writer("test/big", Delivery.EVERY)
+    _reader = receiver.link.reader("test/big", Delivery.LATEST, samples.add)
+    writer = sender.link.writer("test/big", Delivery.LATEST)
     assert soon(writer.has_readers)
     writer.put(b"head", payload(7), b"")
     writer.put(b"head", memoryview(payload(8)), b"")
@@ -71,27 +71,54 @@ def test_big_payloads_travel_in_shared_memory_and_small_ones_do_not(join_zenoh: 
     assert small.take() == b"small"
 
 
-def test_a_full_pool_falls_back_to_the_socket_and_recovers(join_zenoh: Join) -> None:
+def test_what_must_not_be_lost_stays_out_of_shared_memory(join_zenoh: Join) -> None:
     sender, receiver = join_zenoh(), join_zenoh()
-    held: Arrivals[RawSample] = Arrivals()
-    _reader = receiver.link.reader("test/full", Delivery.EVERY, held.add)
-    writer = sender.link.writer("test/full", Delivery.EVERY)
+    samples: Arrivals[RawSample] = Arrivals()
+    _reader = receiver.link.reader("test/every", Delivery.EVERY, samples.add)
+    writer = sender.link.writer("test/every", Delivery.EVERY)
     assert soon(writer.has_readers)
-    count = 24  # of 4 MiB; the pool has 64 MiB
+    count = 24
+    for number in range(count):
+        writer.put(b"head", payload(number), b"")
+    held = samples.wait(count)
+    assert not any(is_shared(sample) for sample in held)
+    assert [sample.take() for sample in held] == [b"head" + payload(number) for number in range(count)]
+
+
+def test_a_reader_that_keeps_its_clouds_takes_none_from_others(join_zenoh: Join) -> None:
+    sender, keeper, other = join_zenoh(), join_zenoh(), join_zenoh()
+    kept: Arrivals[RawSample] = Arrivals()
+    taken: Arrivals[bytes | None] = Arrivals()
+    _readers = [
+        keeper.link.reader("test/kept", Delivery.LATEST, kept.add),
+        other.link.reader("test/kept", Delivery.LATEST, lambda sample: taken.add(sample.take())),
+    ]
+    writer = sender.link.writer("test/kept", Delivery.LATEST)
+    assert soon(writer.has_readers)
+    count = 24  # three times what the ring has room for
     for number in range(count):
         writer.put(b"", payload(number), b"")
-    samples = held.wait(count)
-    shared = [is_shared(sample) for sample in samples]
-    assert shared[0]
-    assert not all(shared)
-    taken = [sample.take() for sample in samples]
-    assert all(t == payload(n) for n, t in enumerate(taken) if not shared[n])
-    # A reader that holds memory for long may lose it, and is told; what it does get is whole.
-    assert all(t in (None, payload(n)) for n, t in enumerate(taken))
-    held.all.clear()
-    samples.clear()
-    writer.put(b"", payload(99), b"")
-    assert is_shared(held.wait(1)[0])
+        kept.wait(number + 1)
+        taken.wait(number + 1)
+    assert taken.all == [payload(number) for number in range(count)]
+    assert all(is_shared(sample) for sample in kept.all)
+    late = [sample.take() for sample in kept.all]
+    # What was written over meanwhile is told to be lost; what is still there is whole.
+    assert late[: count - 8] == [None] * (count - 8)
+    assert all(cloud in (None, payload(number)) for number, cloud in enumerate(late))
+
+
+def test_a_ring_grows_with_its_clouds(join_zenoh: Join) -> None:
+    sender, receiver = join_zenoh(), join_zenoh()
+    taken: Arrivals[bytes | None] = Arrivals()
+    _reader = receiver.link.reader("test/grown", Delivery.LATEST, lambda sample: taken.add(sample.take()))
+    writer = sender.link.writer("test/grown", Delivery.LATEST)
+    assert soon(writer.has_readers)
+    sizes = [1 << 17, 1 << 20, 1 << 22, 1 << 17]
+    for number, size in enumerate(sizes):
+        writer.put(b"", payload(number, size), b"")
+        taken.wait(number + 1)
+    assert taken.all == [payload(number, size) for number, size in enumerate(sizes)]
 
 
 def test_a_host_without_shared_memory_sends_through_the_socket(

@@ -6,13 +6,12 @@ import json
 import logging
 import queue
 import re
-import threading
 from typing import TYPE_CHECKING, Any
 
 import zenoh
-from zenoh import ext, handlers, shm
+from zenoh import ext, handlers
 
-from zsight import shared_memory
+from zsight.bus.buffer_ring import BufferRing
 from zsight.bus.link import Arrival, Closable, RequestHandler
 from zsight.errors import ConnectionLost, RequestRefused, UsageError
 from zsight_protocol.channels import Delivery
@@ -28,11 +27,7 @@ __all__ = ["ZenohLink", "open_link", "open_router"]
 log = logging.getLogger(__name__)
 
 _SHARED_FROM = 64 * 1024  # smaller payloads travel faster inside a message than as a reference to shared memory
-_PAYLOADS_IN_POOL = 8  # one that is written, one on each link and in each reader; a reader that stalls holds more
-_SMALLEST = 512 * 1024  # payloads that a pool has room for at least
-_OVERHEAD = 4096  # bytes that a buffer takes beside its payload, at most
 _LEASE_MS = 1000  # a silent link counts as cut after this long
-_PIECE = 256 * 1024
 _NOBODY = "Unable to connect to any of"  # Zenoh's words for no answer; they repeat the endpoints
 _REFUSED = b"refused: "  # tells our servers' words from Zenoh's own error replies
 
@@ -46,7 +41,7 @@ def open_link(network: Network, *, mode: str = "client") -> ZenohLink:
     """
     config = _config(network, mode)
     try:
-        return ZenohLink(zenoh.open(config))
+        return ZenohLink(zenoh.open(config), shared_memory=network.shared_memory)
     except zenoh.ZError as error:
         tried = ", ".join(network.connect)
         why = "" if str(error).startswith(_NOBODY) else f" ({_short(error)})"
@@ -85,7 +80,8 @@ def _config(network: Network, mode: str) -> zenoh.Config:
         "transport/shared_memory/enabled": network.shared_memory,
     }
     if network.shared_memory:
-        settings["transport/shared_memory/transport_optimization/messages"] = ["put"]
+        # What is not put there by a ring may be taken back from nobody: Zenoh must not put it there by itself.
+        settings["transport/shared_memory/transport_optimization/enabled"] = False
     if mode == "router":
         settings["listen/endpoints"] = list(network.listen)
         settings["connect/endpoints"] = list(network.peers)
@@ -110,10 +106,10 @@ def _config(network: Network, mode: str) -> zenoh.Config:
 class ZenohLink:
     """A Zenoh session as the bus sees it."""
 
-    def __init__(self, session: zenoh.Session) -> None:
-        """Args: an open session, which is closed with the link."""
+    def __init__(self, session: zenoh.Session, *, shared_memory: bool = True) -> None:
+        """Args: an open session, which is closed with the link; whether to use shared memory."""
         self._session = session
-        self._pool = _Pool()
+        self._shared_memory = shared_memory
         self._closed = False
 
     def writer(self, key: str, delivery: Delivery) -> _ZenohWriter:
@@ -127,14 +123,14 @@ class ZenohLink:
                 publisher_detection=True,
             )
             # The advanced publisher does not tell who reads it; a plain one that sends nothing does.
-            return _ZenohWriter(publisher, self._session.declare_publisher(key), self._pool, latest=False)
+            return _ZenohWriter(publisher, self._session.declare_publisher(key))
         drop = delivery is Delivery.LATEST
         plain = self._session.declare_publisher(
             key,
             congestion_control=zenoh.CongestionControl.DROP if drop else zenoh.CongestionControl.BLOCK,
             priority=zenoh.Priority.DATA if drop else zenoh.Priority.INTERACTIVE_HIGH,
         )
-        return _ZenohWriter(plain, plain, self._pool, latest=drop)
+        return _ZenohWriter(plain, plain, BufferRing() if drop and self._shared_memory else None)
 
     def reader(self, key: str, delivery: Delivery, arrival: Arrival) -> Closable:
         """A reader on a key expression."""
@@ -185,7 +181,6 @@ class ZenohLink:
         """Leave the network."""
         self._closed = True
         self._session.close()
-        self._pool.close()
 
     def _undeclare(self, entity: Any) -> None:
         if not self._closed:
@@ -218,145 +213,35 @@ class _ZenohSample:
 
 
 class _ZenohWriter:
-    def __init__(self, publisher: Any, matching: Any, pool: _Pool, *, latest: bool) -> None:
+    """Big payloads of which only the newest matters go through shared memory; what must not be lost never does.
+
+    A buffer may be taken back from a reader that stalls; bytes in a socket may not.
+    """
+
+    def __init__(self, publisher: Any, matching: Any, ring: BufferRing | None = None) -> None:
         self._publisher = publisher
         self._matching = matching
-        self._pool = pool
-        self._overflow = _Overflow(publisher) if latest else None
+        self._ring = ring
 
     def put(self, head: bytes, blob: Buffer, attachment: bytes) -> None:
-        size = len(head) + len(blob)
-        if size < _SHARED_FROM:
-            self._publisher.put(b"".join((head, blob)) if blob else head, attachment=attachment)
-        elif self._overflow is None:
-            self._put_big(head, blob, attachment)
-        elif self.has_readers() and (self._overflow.busy() or not self._put_shared(head, blob, attachment)):
-            self._overflow.put(b"".join((head, blob)), attachment)
-
-    def _put_big(self, head: bytes, blob: Buffer, attachment: bytes) -> None:
-        if not self._put_shared(head, blob, attachment):
-            self._publisher.put(b"".join((head, blob)), attachment=attachment)
-
-    def _put_shared(self, head: bytes, blob: Buffer, attachment: bytes) -> bool:
-        shared = self._pool.allocate(len(head) + len(blob))
-        if shared is None:
-            return False
-        shared[0 : len(head)] = head
-        _fill(shared, len(head), blob)
-        self._publisher.put(shared, attachment=attachment)
-        return True
+        payload: bytes | zenoh.ZBytes | None = None
+        if self._ring is not None and len(head) + len(blob) >= _SHARED_FROM:
+            if not self.has_readers():
+                return
+            payload = self._ring.payload(head, blob)
+        if payload is None:
+            payload = b"".join((head, blob)) if blob else head
+        self._publisher.put(payload, attachment=attachment)
 
     def has_readers(self) -> bool:
         return bool(self._matching.matching_status.matching)
 
     def close(self) -> None:
-        if self._overflow is not None:
-            self._overflow.close()
         self._publisher.undeclare()
         if self._matching is not self._publisher:
             self._matching.undeclare()
-
-
-class _Overflow:
-    """Sends what finds no room in shared memory, on a thread of its own: only the newest, when the network has time.
-
-    A reader that stands still holds all buffers until it goes on; the others get their clouds through sockets
-    meanwhile, which takes longer than a writer should wait.
-    """
-
-    def __init__(self, publisher: Any) -> None:
-        self._publisher = publisher
-        self._waiting: tuple[bytes, bytes] | None = None
-        self._sending = False
-        self._closed = False
-        self._changed = threading.Condition()
-        self._thread: threading.Thread | None = None
-
-    def busy(self) -> bool:
-        """True while something is on its way that nothing newer may overtake."""
-        return self._sending or self._waiting is not None
-
-    def put(self, payload: bytes, attachment: bytes) -> None:
-        with self._changed:
-            self._waiting = payload, attachment
-            self._changed.notify()
-            if self._thread is None:
-                self._thread = threading.Thread(target=self._send, name="overflow", daemon=True)
-                self._thread.start()
-
-    def _send(self) -> None:
-        while True:
-            with self._changed:
-                self._sending = False
-                while self._waiting is None and not self._closed:
-                    self._changed.wait()
-                if self._waiting is None or self._closed:
-                    return
-                (payload, attachment), self._waiting = self._waiting, None
-                self._sending = True
-            try:
-                self._publisher.put(payload, attachment=attachment)
-            except zenoh.ZError as error:
-                log.debug("nothing goes through sockets: %s", error)
-
-    def close(self) -> None:
-        with self._changed:
-            self._closed = True
-            self._changed.notify()
-
-
-def _fill(shared: shm.ZShmMut, start: int, blob: Buffer) -> None:
-    """Copy a blob into shared memory; it takes bytes only, so that a view goes in pieces that stay in the cache."""
-    if isinstance(blob, bytes | bytearray):
-        shared[start : start + len(blob)] = blob
-        return
-    for piece in range(0, len(blob), _PIECE):
-        end = min(piece + _PIECE, len(blob))
-        shared[start + piece : start + end] = bytes(blob[piece:end])
-
-
-class _Pool:
-    """Shared memory of this process for what it writes; made when the first big payload comes.
-
-    All its pages are touched when it is made: a page that comes into being while a cloud is copied costs many times the
-    copy, and on a host whose shared memory is full, writing to one ends the process.
-    """
-
-    def __init__(self) -> None:
-        self._provider: shm.ShmProvider | None = None
-        self._largest = 0
-        self._policy = shm.GarbageCollect(shm.JustAlloc(), shm.Defragment())
-        self._lock = threading.Lock()
-
-    def allocate(self, size: int) -> shm.ZShmMut | None:
-        """A buffer, or none where readers still hold all of them or the host has no shared memory left."""
-        with self._lock:
-            try:
-                if size > self._largest:
-                    self._make(max(size + size // 4 if self._largest else size, _SMALLEST))
-                return self._provider.alloc(size, self._policy) if self._provider is not None else None
-            except zenoh.ZError as error:
-                log.debug("no shared memory for %d bytes: %s", size, error)
-                return None
-
-    def _make(self, largest: int) -> None:
-        """Room for some payloads of up to so many bytes, where the host has it."""
-        room = _PAYLOADS_IN_POOL * (largest + _OVERHEAD)
-        if shared_memory.free_bytes() < room:
-            log.debug("no shared memory for a pool of %d bytes", room)
-            return
-        provider = shm.ShmProvider.default_backend(room)
-        nothing = bytes(_PIECE)
-        touched = [provider.alloc(largest, shm.JustAlloc()) for _ in range(_PAYLOADS_IN_POOL)]
-        for buffer in touched:
-            for start in range(0, largest, _PIECE):
-                end = min(start + _PIECE, largest)
-                buffer[start:end] = nothing[: end - start]
-        self._provider, self._largest = provider, largest
-
-    def close(self) -> None:
-        with self._lock:
-            self._provider = None
+        if self._ring is not None:
+            self._ring.close()
 
 
 class _ZenohRequest:
