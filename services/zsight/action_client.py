@@ -6,7 +6,8 @@ import threading
 import time
 from typing import TYPE_CHECKING, Generic, TypeVar
 
-from zsight.errors import DeadlinePassed, NobodyAnswers, ServerLost
+from zsight.errors import ConnectionLost, DeadlinePassed, ServerLost, ZsightError
+from zsight.question import ask_question, nobody
 from zsight_protocol.action import CancelCode, CancelRequest, CancelResponse, Update
 from zsight_protocol.codec import decode, encode
 from zsight_protocol.errors import ProtocolError
@@ -21,7 +22,6 @@ __all__ = ["GoalCall", "cancel"]
 
 Result = TypeVar("Result", bound=Message)
 
-_LOOK = 0.05  # seconds between two looks at the network
 _MARGIN = 0.5  # seconds beyond the goal's own deadline, in which the server's word on it may arrive
 
 
@@ -77,22 +77,18 @@ class GoalCall(Generic[Result]):
 
     def _payload(self) -> bytes | None:
         """The next reply, while there is time and a network."""
-        while True:
-            left = self._deadline - time.monotonic()
-            try:
-                return self._replies.take(min(left, _LOOK))
-            except TimeoutError:
-                if left <= _LOOK:
-                    self._replies.close()
-                    raise DeadlinePassed(f"no answer from {self._key} within {self._timeout:g} s") from None
-            if not self._bus.link.connected():
-                # Zenoh ends a request when its server goes, but not when the asker itself is cut off.
-                self._replies.close()
-                raise ServerLost(f"cut off from the network while {self._key} worked on goal {self.goal_id}: ask again")
+        try:
+            return self._replies.take(self._deadline - time.monotonic())
+        except TimeoutError:
+            self._replies.close()
+            raise DeadlinePassed(f"no answer from {self._key} within {self._timeout:g} s") from None
+        except ConnectionLost:
+            words = f"cut off from the network while {self._key} worked on goal {self.goal_id}: ask again"
+            raise ServerLost(words) from None
 
-    def _loss(self) -> Exception:
+    def _loss(self) -> ZsightError:
         if not self._heard:
-            return NobodyAnswers(f"nobody answers on {self._key}: is the service running? See: zsight node list")
+            return nobody(self._bus, self._key)
         return ServerLost(f"the server on {self._key} went away while it worked on goal {self.goal_id}: ask again")
 
     def wait(self, on_update: Callable[[Update[Result]], None] = lambda _: None) -> Update[Result]:
@@ -104,7 +100,7 @@ class GoalCall(Generic[Result]):
         return self._final
 
 
-def cancel(bus: Bus, key: str, goal_id: str | None, timeout: float = 1.0) -> CancelResponse:
+def cancel(bus: Bus, key: str, goal_id: str | None) -> CancelResponse:
     """Ask the servers on a key to cancel one goal, or all; key is that of cancel requests and may hold a wildcard.
 
     Returns:
@@ -114,15 +110,7 @@ def cancel(bus: Bus, key: str, goal_id: str | None, timeout: float = 1.0) -> Can
         NobodyAnswers: no server is there.
         DeadlinePassed: none answers.
     """
-    replies = bus.ask(key, encode(CancelRequest(goal_id=goal_id)), timeout, everyone="*" in key)
-    responses: list[CancelResponse] = []
-    try:
-        while (payload := replies.take(timeout)) is not None:
-            responses.append(decode(CancelResponse, payload))
-    except TimeoutError:
-        raise DeadlinePassed(f"no answer from {key} within {timeout:g} s") from None
-    if not responses:
-        raise NobodyAnswers(f"nobody answers on {key}: is the service running? See: zsight node list")
+    responses = ask_question(bus, key, CancelRequest(goal_id=goal_id), CancelResponse, everyone="*" in key)
     known = [response for response in responses if response.code is not CancelCode.UNKNOWN_GOAL] or responses
     best = min(known, key=lambda response: response.code)
     return CancelResponse(code=best.code, goals=tuple(goal for response in responses for goal in response.goals))

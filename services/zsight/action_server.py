@@ -7,6 +7,7 @@ busy at once. A result is kept for a while, so that the same goal asked again is
 from __future__ import annotations
 
 import logging
+import queue
 import threading
 import time
 from collections import deque
@@ -46,6 +47,8 @@ __all__ = ["ActionServer", "GoalHandle", "Policy", "Work"]
 log = logging.getLogger(__name__)
 
 _KEEP = 60.0  # seconds that an ended goal's result is kept
+_MOST_KEPT = 1000  # ended goals; a client that sends them without end must not fill the memory
+_A_LIST = 32  # updates in one reply to who asks for results, so that others get a word in between
 _LISTED = 64  # goals in the list for watchers
 _FEEDBACK_EVERY = 0.02  # seconds between two feedback messages of one stage
 
@@ -159,6 +162,8 @@ class ActionServer(Generic[Goal, Result]):
         self._policy = policy
         self._goals: dict[str, GoalHandle[Goal, Result]] = {}
         self._waiting: deque[GoalHandle[Goal, Result]] = deque()
+        self._ended: deque[tuple[float, str]] = deque()  # when, and which goal; the first that ended comes first
+        self._curious: queue.SimpleQueue[RawRequest | None] = queue.SimpleQueue()
         self._running = 0
         self._changed = threading.Condition()
         self._closed = threading.Event()
@@ -168,11 +173,16 @@ class ActionServer(Generic[Goal, Result]):
             threading.Thread(target=self._run_goals, name=f"worker-{number}", daemon=True)
             for number in range(policy.parallel)
         ]
-        for worker in self._workers:
-            worker.start()
+        self._threads = [
+            *self._workers,
+            threading.Thread(target=self._end_late_goals, name="deadlines", daemon=True),
+            threading.Thread(target=self._tell_results, name="results", daemon=True),
+        ]
+        for thread in self._threads:
+            thread.start()
         self._servers = [
             bus.serve(bus.cell.cancel(name), self._cancel_asked),
-            bus.serve(bus.cell.result(name), self._result_asked),
+            bus.serve(bus.cell.result(name), self._curious.put),
             bus.serve(bus.cell.find_object(name), self._goal_asked),
             bus.serve(bus.cell.find_object(ANY_FINDER), self._goal_asked),
         ]
@@ -186,8 +196,9 @@ class ActionServer(Generic[Goal, Result]):
             for handle in self._goals.values():
                 handle.stopping.set()
             self._changed.notify_all()
-        for worker in self._workers:
-            worker.join()
+        self._curious.put(None)
+        for thread in self._threads:
+            thread.join()
         self._status.close()
 
     # A goal arrives: on the link's thread, so all of this is quick.
@@ -223,7 +234,7 @@ class ActionServer(Generic[Goal, Result]):
             else:
                 self._goals[goal_id] = handle
                 self._waiting.append(handle)
-                self._changed.notify()
+                self._changed.notify_all()
         self._tell(handle)
         if handle.state is GoalState.REJECTED:
             request.close()
@@ -240,9 +251,8 @@ class ActionServer(Generic[Goal, Result]):
 
     def _forget_old(self) -> None:
         now = time.monotonic()
-        old = [i for i, handle in self._goals.items() if handle.ended is not None and now - handle.ended > _KEEP]
-        for goal_id in old:
-            del self._goals[goal_id]
+        while self._ended and (len(self._ended) > _MOST_KEPT or now - self._ended[0][0] > _KEEP):
+            del self._goals[self._ended.popleft()[1]]
 
     # A cancel arrives.
 
@@ -277,9 +287,13 @@ class ActionServer(Generic[Goal, Result]):
             self._end(handle, self._work.stopped(handle), GoalState.CANCELLED)
         return CancelResponse(code=CancelCode.NONE, goals=tuple(handle.goal_id for handle in stopped))
 
-    # Somebody asks for results that are kept.
+    # Somebody asks for results that are kept: on a thread of its own, since they may be many.
 
-    def _result_asked(self, request: RawRequest) -> None:
+    def _tell_results(self) -> None:
+        while (request := self._curious.get()) is not None:
+            self._tell_results_to(request)
+
+    def _tell_results_to(self, request: RawRequest) -> None:
         try:
             wanted = decode(ResultRequest, request.payload).goal_id
         except ProtocolError as error:
@@ -288,10 +302,27 @@ class ActionServer(Generic[Goal, Result]):
             return
         with self._changed:
             self._forget_old()
-            handles = [h for h in self._goals.values() if wanted in (None, h.goal_id)]
-            updates = tuple(self._update(handle) for handle in handles)
-        request.reply(encode(UpdateList(updates=updates)))
+            updates = [self._update(h) for h in self._goals.values() if wanted in (None, h.goal_id)]
+        for start in range(0, max(len(updates), 1), _A_LIST):
+            self._reply(request, encode(UpdateList(updates=tuple(updates[start : start + _A_LIST]))))
         request.close()
+
+    # Goals whose time is over before a worker is free.
+
+    def _end_late_goals(self) -> None:
+        while not self._closed.is_set():
+            with self._changed:
+                first = min((handle.deadline for handle in self._waiting), default=None)
+                now = time.monotonic()
+                if first is None or first > now:
+                    self._changed.wait(None if first is None else first - now)
+                    continue
+                late = [handle for handle in self._waiting if handle.deadline <= now]
+                for handle in late:
+                    self._waiting.remove(handle)
+                    handle.deadline_passed = True
+            for handle in late:
+                self._end(handle, self._work.stopped(handle), GoalState.ABORTED)
 
     # The workers.
 
@@ -335,6 +366,7 @@ class ActionServer(Generic[Goal, Result]):
                 handle.fraction = 1.0
                 handle.state = move(handle.state, state)
                 handle.ended = time.monotonic()
+                self._ended.append((handle.ended, handle.goal_id))
                 requests, handle.requests = handle.requests, []
             self._say(self._update(handle), requests)
         for request in requests:

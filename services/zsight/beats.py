@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import time
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -15,7 +14,7 @@ if TYPE_CHECKING:
     from zsight.bus import Bus
     from zsight_protocol.health import ReaderHealth, WriterHealth
 
-__all__ = ["Topic", "ask_health", "topics_of"]
+__all__ = ["Topic", "ask_health", "present", "topics_of"]
 
 log = logging.getLogger(__name__)
 
@@ -32,17 +31,23 @@ class Topic:
 def ask_health(bus: Bus, timeout: float = 1.0) -> list[Health]:
     """The health of every process that answers within timeout seconds, by host and name."""
     replies = bus.ask(bus.cell.health("*", "*"), b"", timeout, everyone=True)
-    deadline = time.monotonic() + timeout
     beats: list[Health] = []
-    try:
-        while (payload := replies.take(deadline - time.monotonic())) is not None:
-            try:
-                beats.append(decode(Health, payload))
-            except ProtocolError as error:
-                log.warning("a process tells its health in words that are not understood: %s", error)
-    except TimeoutError:
-        replies.close()
+    for payload in replies.within(timeout):
+        try:
+            beats.append(decode(Health, payload))
+        except ProtocolError as error:
+            log.warning("a process tells its health in words that are not understood: %s", error)
     return sorted(beats, key=lambda beat: (beat.host, beat.process))
+
+
+def present(bus: Bus) -> str:
+    """Which processes of the cell are there, in words, for an error that misses one."""
+    beats = ask_health(bus)
+    if not beats:
+        return f"cell {bus.cell.namespace} is empty: start it with: zsight up"
+    ready = bus.link.alive(bus.cell.alive("*", "*"), 1.0)
+    names = [b.process + ("" if bus.cell.alive(b.host, b.process) in ready else " (starting)") for b in beats]
+    return f"in cell {bus.cell.namespace} there are {', '.join(names)}; see: zsight node list"
 
 
 def topics_of(beats: list[Health]) -> list[Topic]:

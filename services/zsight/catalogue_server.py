@@ -49,7 +49,8 @@ def answer(request: CatalogRequest, catalogue: Catalogue, folder: Path | None) -
         CoreError: its mesh cannot be read.
     """
     if request.action == "list":
-        return CatalogAnswer(ok=True, types=tuple(catalogue.types[name] for name in sorted(catalogue.types)))
+        types = catalogue.types
+        return CatalogAnswer(ok=True, types=tuple(types[name] for name in sorted(types)))
     if request.action == "put":
         return _put(request.type, catalogue, folder)
     kind = catalogue.resolve(request.name or "")

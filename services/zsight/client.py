@@ -41,7 +41,7 @@ from zsight_protocol.object_type import CatalogAnswer, CatalogRequest
 from zsight_protocol.point_cloud import PointCloud2
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Sequence
 
     from zsight_protocol.action import CancelResponse
     from zsight_protocol.object_type import ObjectType
@@ -251,7 +251,7 @@ class CellClient:
         """How goals of the last minute stand or ended: one, or all of them, oldest first."""
         kind: type[UpdateList[FindObjectResult]] = UpdateList[FindObjectResult]
         key = self.bus.cell.result(finder)
-        answers = ask_question(self.bus, key, ResultRequest(goal_id=goal_id), kind, everyone=finder == ALL)
+        answers = ask_question(self.bus, key, ResultRequest(goal_id=goal_id), kind, everyone=True)
         return [update for answer in answers for update in answer.updates]
 
     def clouds(self, key: str = "kinect/points", *, timeout: float | None = None) -> Iterator[Cloud]:
@@ -293,8 +293,9 @@ class Catalog:
         self._bus = bus
 
     def list(self) -> list[ObjectType]:
-        """All types."""
-        return [*self._ask(CatalogRequest(action="list"), ALL).types]
+        """All types that any finder knows, by name."""
+        known = {kind.name: kind for answer in self._ask(CatalogRequest(action="list"), ALL) for kind in answer.types}
+        return [known[name] for name in sorted(known)]
 
     def get(self, name: str) -> ObjectType:
         """One type by name or number.
@@ -302,23 +303,27 @@ class Catalog:
         Raises:
             RequestRefused: it is not known.
         """
-        return self._ask(_about("get", name), name).types[0]
+        return self._ask(_about("get", name), name)[0].types[0]
 
     def add(self, kind: ObjectType) -> str:
-        """Add a type, or change the one of its name; what the finder says."""
-        return self._ask(CatalogRequest(action="put", type=kind), kind.name).message
+        """Add a type to every finder, or change the one of its name; what they say."""
+        return _words(self._ask(CatalogRequest(action="put", type=kind), kind.name))
 
     def remove(self, name: str) -> str:
-        """Remove a type; what the finder says."""
-        return self._ask(_about("delete", name), name).message
+        """Remove a type from every finder that knows it; what they say."""
+        return _words([answer for answer in self._ask(_about("delete", name), name) if answer.ok])
 
-    def _ask(self, request: CatalogRequest, name: str) -> CatalogAnswer:
-        answers = ask_question(self._bus, self._bus.cell.catalog(name), request, CatalogAnswer, everyone=False)
-        if not answers:
-            raise NobodyAnswers("nobody serves a catalogue: start a finder with: zsight up")
-        if not answers[0].ok:
-            raise RequestRefused(answers[0].message)
-        return answers[0]
+    def _ask(self, request: CatalogRequest, name: str) -> Sequence[CatalogAnswer]:
+        """The finders' answers, those that agree first; an error where all of them refuse."""
+        answers = ask_question(self._bus, self._bus.cell.catalog(name), request, CatalogAnswer, everyone=True)
+        if not any(answer.ok for answer in answers):
+            raise RequestRefused(_words(answers))
+        return sorted(answers, key=lambda answer: not answer.ok)
+
+
+def _words(answers: Sequence[CatalogAnswer]) -> str:
+    """What several finders say, each thing once."""
+    return "; ".join(dict.fromkeys(answer.message for answer in answers))
 
 
 def _about(action: str, name: str) -> CatalogRequest:

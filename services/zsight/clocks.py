@@ -47,16 +47,13 @@ def ask_clocks(bus: Bus, timeout: float = 1.0) -> list[Clock]:
     begin = time.monotonic()
     replies = bus.ask(bus.cell.health("*", "*"), b"", timeout, everyone=True)
     clocks: dict[str, Clock] = {}
-    try:
-        while (payload := replies.take(begin + timeout - time.monotonic())) is not None:
-            half = (time.monotonic() - begin) / 2
-            try:
-                beat = decode(Health, payload)
-            except ProtocolError:
-                continue
-            clock = Clock(beat.host, beat.header.stamp.ns / 1e9 - (asked + half), half)
-            if beat.host not in clocks or half < clocks[beat.host].uncertainty:
-                clocks[beat.host] = clock
-    except TimeoutError:
-        replies.close()
+    for payload in replies.within(timeout):
+        half = (time.monotonic() - begin) / 2
+        try:
+            beat = decode(Health, payload)
+        except ProtocolError:
+            continue
+        clock = Clock(beat.host, beat.header.stamp.ns / 1e9 - (asked + half), half)
+        if beat.host not in clocks or half < clocks[beat.host].uncertainty:
+            clocks[beat.host] = clock
     return [clocks[host] for host in sorted(clocks)]

@@ -69,15 +69,15 @@ class Settings(ServiceSettings):
 
 def run(bus: Bus, settings: Settings) -> None:
     """Answer goals until told to stop."""
+    own_folder = Path(settings.catalogue) if settings.catalogue else None
+    catalogue = object_catalogue.load(object_catalogue.shipped_folder(), *([own_folder] if own_folder else []))
+    catalogue_server = serve_catalogue(bus, catalogue, own_folder)  # types can be told of before kernels are there
     find_core.warm_up()
     scene_core.warm_up()
-    folders = [object_catalogue.shipped_folder(), *([Path(settings.catalogue)] if settings.catalogue else [])]
-    catalogue = object_catalogue.load(*folders)
     catalogue.models()
     work = FindObject(bus, settings, catalogue)
     work.start_reading()
     server = ActionServer(bus, settings.name, FindObjectGoal, work, Policy(settings.parallel, settings.queue))
-    catalogue_server = serve_catalogue(bus, catalogue, Path(settings.catalogue) if settings.catalogue else None)
     bus.ready()
     bus.stopping.wait()
     catalogue_server.close()

@@ -27,11 +27,15 @@ def shipped_folder() -> Path:
 
 @dataclass
 class Catalogue:
-    """Types by name, and the folder that each one's mesh lies in."""
+    """Types by name, and the folder that each one's mesh lies in.
+
+    ``types`` is replaced and never changed in place: a goal that goes through it sees one state of it, whatever is
+    added or removed meanwhile.
+    """
 
     types: dict[str, ObjectType] = field(default_factory=dict)
     folders: dict[str, Path] = field(default_factory=dict)
-    _models: dict[str, ObjectModel] = field(default_factory=dict)
+    _models: dict[str, tuple[ObjectType, ObjectModel]] = field(default_factory=dict)
 
     def resolve(self, wanted: str) -> ObjectType:
         """The type with this name, or with this number of the book.
@@ -39,34 +43,40 @@ class Catalogue:
         Raises:
             UsageError: there is none; names the nearest ones.
         """
-        if wanted in self.types:
-            return self.types[wanted]
-        by_code = {str(known.code): known for known in self.types.values() if known.code is not None}
+        types = self.types
+        if wanted in types:
+            return types[wanted]
+        by_code = {str(known.code): known for known in types.values() if known.code is not None}
         if wanted in by_code:
             return by_code[wanted]
-        near = difflib.get_close_matches(wanted, self.types, n=3, cutoff=0.4)
-        hint = f"did you mean {' or '.join(near)}?" if near else f"known are {', '.join(sorted(self.types))}"
+        near = difflib.get_close_matches(wanted, types, n=3, cutoff=0.4)
+        hint = f"did you mean {' or '.join(near)}?" if near else f"known are {', '.join(sorted(types))}"
         raise UsageError(f"no object type is called {wanted!r}: {hint}")
 
     def model(self, name: str) -> ObjectModel:
         """What the recognisers need of a type; a mesh is read the first time.
 
         Raises:
-            UsageError: its mesh cannot be read.
+            UsageError: there is no such type, or its mesh cannot be read.
         """
-        if name not in self._models:
-            self._models[name] = _model_of(self.types[name], self.folders[name])
-        return self._models[name]
+        return self._model_of(self.resolve(name))
 
     def models(self) -> list[ObjectModel]:
         """All of them, by name."""
-        return [self.model(name) for name in sorted(self.types)]
+        types = self.types
+        return [self._model_of(types[name]) for name in sorted(types)]
+
+    def _model_of(self, kind: ObjectType) -> ObjectModel:
+        made_of, model = self._models.get(kind.name, (None, None))
+        if model is None or made_of is not kind:
+            model = _model_of(kind, self.folders[kind.name])
+            self._models[kind.name] = kind, model
+        return model
 
     def add(self, kind: ObjectType, folder: Path) -> None:
         """Take a type in, in place of one of the same name."""
-        self.types[kind.name] = kind
         self.folders[kind.name] = folder
-        self._models.pop(kind.name, None)
+        self.types = {**self.types, kind.name: kind}
 
     def remove(self, name: str) -> None:
         """Forget a type.
@@ -74,9 +84,8 @@ class Catalogue:
         Raises:
             UsageError: there is none of this name.
         """
-        self.resolve(name)
-        del self.types[name], self.folders[name]
-        self._models.pop(name, None)
+        removed = self.resolve(name)
+        self.types = {known: kind for known, kind in self.types.items() if kind is not removed}
 
 
 def load(*folders: Path) -> Catalogue:

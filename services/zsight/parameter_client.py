@@ -76,7 +76,8 @@ class ParameterClient:
             key = self._bus.cell.parameters(host or _EVERYONE, name)
         except KeyNameError as error:
             raise UsageError(str(error)) from None
-        answers = ask_question(self._bus, key, request, ParameterAnswer, everyone=True)
-        if not answers:
-            raise NobodyAnswers(f"no process {process} is there; see: zsight node list")
+        try:
+            answers = ask_question(self._bus, key, request, ParameterAnswer, everyone=True)
+        except NobodyAnswers:
+            raise NobodyAnswers(f"no process {process} is there; see: zsight node list") from None
         return sorted(answers, key=lambda answer: (answer.host, answer.process))

@@ -10,6 +10,7 @@ import pytest
 from tests.services.gated_work import Gated
 from tests.services.waiting import DEADLINE, Arrivals, soon
 
+from zsight import action_server
 from zsight.action_client import GoalCall, cancel
 from zsight.action_server import ActionServer, Policy
 from zsight.client import CellClient
@@ -167,7 +168,7 @@ def test_cancel_after_its_end(bench: Bench) -> None:
 def test_cancel_of_a_goal_that_nobody_sent(bench: Bench) -> None:
     key = bench.client.cell.cancel("finder")
     assert cancel(bench.client, key, new_goal_id()).code is CancelCode.UNKNOWN_GOAL
-    with pytest.raises(NobodyAnswers, match="node list"):
+    with pytest.raises(NobodyAnswers, match="is the service running"):
         cancel(bench.client, bench.client.cell.cancel("elsewhere"), None)
 
 
@@ -214,12 +215,29 @@ def test_the_deadline_stops_the_work(bench: Bench) -> None:
 
 def test_a_goal_that_waits_past_its_deadline_never_begins(bench: Bench) -> None:
     working, waiting = bench.executing(), bench.send(timeout=0.01)
-    with pytest.raises(DeadlinePassed, match=r"within 0\.01 s"):
-        waiting.wait()
+    assert words(waiting.wait()) == (GoalState.ABORTED, "deadline")
+    late = bench.send()  # it made room
     bench.work.gate.set()
-    working.wait()
-    assert soon(lambda: any(u.final and u.goal_id == waiting.goal_id for u in bench.feedback.all))
-    assert bench.work.runs == [working.goal_id]
+    assert {words(call.wait()) for call in (working, late)} == {(GoalState.SUCCEEDED, "done")}
+    assert bench.work.runs == [working.goal_id, late.goal_id]
+
+
+def test_goals_that_wait_end_each_at_its_own_deadline(bench: Bench) -> None:
+    bench.executing()
+    patient, hasty = bench.send(timeout=DEADLINE), bench.send(timeout=0.02)
+    assert words(hasty.wait()) == (GoalState.ABORTED, "deadline")
+    bench.work.gate.set()
+    assert words(patient.wait()) == (GoalState.SUCCEEDED, "done")
+
+
+def test_a_server_that_says_nothing_is_not_waited_for_longer_than_asked(join_memory: Join) -> None:
+    server, client = join_memory(), join_memory()
+    kept: list[RawRequest] = []
+    server.serve(server.cell.find_object("finder"), kept.append)
+    goal = FindObjectGoal(goal_id=new_goal_id(), object_type="cube", timeout=0.01)
+    keys = (client.cell.find_object("finder"), client.cell.cancel("finder"))
+    with pytest.raises(DeadlinePassed, match=r"within 0\.01 s"):
+        GoalCall(client, keys, goal, goal.goal_id, FindObjectResult, 0.01).wait()
 
 
 # The same goal again.
@@ -248,6 +266,26 @@ def test_results_are_kept(bench: Bench) -> None:
     running.wait()
     assert kept(running.goal_id) == kept(None) == [GoalState.SUCCEEDED]
     assert kept(new_goal_id()) == []
+
+
+def test_only_so_many_results_are_kept(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(action_server, "_MOST_KEPT", 70)
+    bench.work.gate.set()
+    ids = []
+    for _ in range(80):
+        call = bench.send()
+        call.wait()
+        ids.append(call.goal_id)
+    kept = [update.goal_id for update in CellClient(bench.client).results()]
+    assert len(kept) in (70, 71)  # the oldest goes when the next goal comes
+    assert kept == ids[-len(kept) :]
+
+
+def test_results_are_forgotten_after_a_while(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(action_server, "_KEEP", 0.0)
+    bench.work.gate.set()
+    bench.send().wait()
+    assert soon(lambda: CellClient(bench.client).results() == [])
 
 
 def test_a_late_watcher_sees_who_is_at_work(bench: Bench) -> None:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from zsight import object_catalogue
 from zsight.catalogue_server import serve_catalogue
 from zsight.client import Catalog
 from zsight.errors import NobodyAnswers, RequestRefused, UsageError
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 
     from zsight.bus import Bus
     from zsight.object_catalogue import Catalogue
+    from zsight_core.model import ObjectModel
 
 CRATE = ObjectType(name="crate", code=77, shape=ShapeOf(box=BoxShape(size=(0.3, 0.2, 0.1))), notes="Fraß, 壊れ物")
 
@@ -109,6 +111,36 @@ def test_without_a_folder_a_type_is_kept_until_the_end(join_memory: Callable[[],
     assert catalog.get("crate") == CRATE
     with pytest.raises(RequestRefused, match="catalogue folder"):
         catalog.add(ObjectType(name="part", shape=ShapeOf(mesh=MeshShape(file="part.stl"))))
+
+
+def test_every_finder_learns_of_a_type_and_all_types_are_listed(join_memory: Callable[[], Bus], tmp_path: Path) -> None:
+    kept, lost = load(shipped_folder()), load(shipped_folder())
+    serve_catalogue(join_memory(), kept, tmp_path)
+    serve_catalogue(join_memory(), lost, None)
+    catalog = Catalog(join_memory())
+    assert "kept in" in (said := catalog.add(CRATE))
+    assert "until the finder stops" in said
+    assert kept.types["crate"] == lost.types["crate"] == CRATE
+    lost.remove("crate")  # as if it had been started again
+    assert CRATE in catalog.list()
+    assert catalog.get("crate") == CRATE
+    assert catalog.remove("crate") == "removed crate"
+    assert "crate" not in kept.types
+
+
+def test_a_type_that_goes_while_all_are_looked_at_is_no_error(
+    known: Catalogue, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real = object_catalogue._model_of
+
+    def slow(kind: ObjectType, folder: Path) -> ObjectModel:
+        if "tea_box" in known.types:
+            known.remove("tea_box")
+        return real(kind, folder)
+
+    monkeypatch.setattr(object_catalogue, "_model_of", slow)
+    assert "tea_box" in [model.name for model in known.models()]
+    assert "tea_box" not in [model.name for model in known.models()]
 
 
 def test_bad_bytes_are_answered(join_memory: Callable[[], Bus], known: Catalogue) -> None:

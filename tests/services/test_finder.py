@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from zsight.client import CellClient, answer_of
 from zsight.convert import cloud_from_points, matrix_of
 from zsight.errors import DeadlinePassed, GoalCancelled, NobodyAnswers, RequestRefused
 from zsight.sources import open_source
+from zsight_core import find as find_core
 from zsight_core import scene as scene_core
 from zsight_core.transform import angle_between, from_rpy
 from zsight_protocol.find_object import Capture, ResultCode, Status
@@ -213,6 +215,28 @@ def taken(scenes: Reader[Scene]) -> Scene:
     received = scenes.take(DEADLINE)
     assert received is not None
     return received.message
+
+
+def test_types_are_told_while_the_finder_starts(join_memory: Join, monkeypatch: pytest.MonkeyPatch) -> None:
+    warm, bus = threading.Event(), join_memory()
+    monkeypatch.setattr(find_core, "warm_up", lambda: warm.wait(DEADLINE))
+    starting = threading.Thread(target=finder.run, args=(bus, finder.Settings()))
+    starting.start()
+    client = CellClient(join_memory())
+    assert soon(lambda: _knows_types(client))
+    assert "toy_block" in [kind.name for kind in client.catalog.list()]
+    with pytest.raises(NobodyAnswers, match="is the service running"):
+        client.find("toy_block")
+    warm.set()
+    bus.stop()
+    starting.join()
+
+
+def _knows_types(client: CellClient) -> bool:
+    try:
+        return bool(client.catalog.list())
+    except NobodyAnswers:
+        return False
 
 
 # Late, or not at all.

@@ -1,6 +1,6 @@
 """The bus: typed messages over Zenoh, or over memory in tests."""
 
-from zsight.bus.bus import Bus, Reader, Received, Writer
+from zsight.bus.bus import Bus, Reader, Received, Replies, Writer
 from zsight.bus.link import Link, LivelinessWatch, RawReader, RawReplies, RawRequest, RawSample, RawWriter
 
 __all__ = [
@@ -14,5 +14,6 @@ __all__ = [
     "RawWriter",
     "Reader",
     "Received",
+    "Replies",
     "Writer",
 ]

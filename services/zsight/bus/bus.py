@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from zsight.bus.counters import ReadCounter, WriteCounter
 from zsight.bus.reader import Reader, Received
+from zsight.bus.replies import Replies
 from zsight.bus.writer import Writer
 from zsight_protocol.channels import Cell, Delivery, channel_of
 from zsight_protocol.message import Message
@@ -14,9 +15,9 @@ from zsight_protocol.message import Message
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from zsight.bus.link import Closable, Link, RawReplies, RequestHandler
+    from zsight.bus.link import Closable, Link, RequestHandler
 
-__all__ = ["Bus", "Reader", "Received", "Writer"]
+__all__ = ["Bus", "Reader", "Received", "Replies", "Writer"]
 
 M = TypeVar("M", bound=Message)
 
@@ -71,9 +72,9 @@ class Bus:
         """Answer requests on a key; handler must hand the work to another thread."""
         return self.link.serve(key, handler)
 
-    def ask(self, key: str, payload: bytes, timeout: float, *, everyone: bool = False) -> RawReplies:
-        """Send a request."""
-        return self.link.ask(key, payload, timeout, everyone=everyone)
+    def ask(self, key: str, payload: bytes, timeout: float, *, everyone: bool = False) -> Replies:
+        """Send a request to the best server, or to everyone who serves the key expression."""
+        return Replies(self.link, self.link.ask(key, payload, timeout, everyone=everyone))
 
     def ready(self) -> None:
         """Called by a service when it reads all that it reads: from now on others may count on it."""

@@ -1,0 +1,70 @@
+"""Replies end when the network does."""
+
+from __future__ import annotations
+
+import time
+
+import pytest
+from tests.services.waiting import DEADLINE
+
+from zsight.bus import Bus
+from zsight.bus.memory_link import MemoryLink
+from zsight.errors import ConnectionLost, DeadlinePassed
+from zsight.question import ask_question
+from zsight_protocol.action import CancelCode, CancelRequest, CancelResponse
+from zsight_protocol.codec import encode
+
+
+class CutLink(MemoryLink):
+    """A link whose cable can be pulled."""
+
+    cut = False
+
+    def connected(self) -> bool:
+        return not self.cut
+
+
+@pytest.fixture
+def bus() -> Bus:
+    """A process that is client and server at once."""
+    return Bus(CutLink())
+
+
+def cut(bus: Bus) -> None:
+    bus.link.cut = True  # type: ignore[attr-defined]  # the fixture's link
+
+
+def test_whoever_is_cut_off_learns_it_at_once(bus: Bus) -> None:
+    bus.serve(bus.cell.cancel("finder"), lambda _: cut(bus))
+    begin = time.monotonic()
+    with pytest.raises(ConnectionLost, match="cut off"):
+        bus.ask(bus.cell.cancel("finder"), b"", DEADLINE).take(DEADLINE)
+    assert time.monotonic() - begin < DEADLINE / 2
+
+
+def test_what_came_before_the_cut_is_still_taken(bus: Bus) -> None:
+    def answer(request: object) -> None:
+        request.reply(b"here")  # type: ignore[attr-defined]  # a request
+        cut(bus)
+
+    bus.serve(bus.cell.cancel("finder"), answer)
+    replies = bus.ask(bus.cell.cancel("finder"), b"", DEADLINE)
+    assert replies.take(DEADLINE) == b"here"
+    with pytest.raises(ConnectionLost):
+        replies.take(DEADLINE)
+
+
+def test_a_server_that_is_there_and_silent_is_told_from_none(bus: Bus) -> None:
+    kept: list[object] = []
+    bus.serve(bus.cell.cancel("finder"), kept.append)
+    with pytest.raises(DeadlinePassed, match=r"did not answer within 0\.02 s"):
+        ask_question(bus, bus.cell.cancel("finder"), CancelRequest(), CancelResponse, everyone=False, timeout=0.02)
+
+
+def test_who_answers_is_heard_although_another_is_silent(bus: Bus) -> None:
+    word = CancelResponse(code=CancelCode.NONE)
+    kept: list[object] = []
+    bus.serve(bus.cell.cancel("silent"), kept.append)
+    bus.serve(bus.cell.cancel("loud"), lambda request: request.reply(encode(word)))
+    answers = ask_question(bus, bus.cell.cancel("*"), CancelRequest(), CancelResponse, everyone=True, timeout=0.05)
+    assert answers == [word]
