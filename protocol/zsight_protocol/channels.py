@@ -92,7 +92,7 @@ def require_name(name: str, what: str) -> str:
 def _camera(name: str) -> str:
     if name in _RESERVED:
         raise KeyNameError(f"camera is {name!r}; expected a name other than {', '.join(sorted(_RESERVED))}")
-    return require_name(name, "camera")
+    return _name_or_any(name, "camera")
 
 
 def _name_or_any(name: str, what: str) -> str:
@@ -137,7 +137,7 @@ class Cell:
         return "/".join((self.namespace, *chunks))
 
     def points(self, camera: str) -> str:
-        """Clouds as the camera measures them."""
+        """Clouds as the camera measures them; '*' for any camera, here and below."""
         return self._key(_camera(camera), "points")
 
     def voxel_points(self, camera: str) -> str:
@@ -184,19 +184,19 @@ class Cell:
 
     def cancel(self, finder: str) -> str:
         """Cancel requests of one finder; '*' for all."""
-        return self._key("find_object", finder if finder == "*" else require_name(finder, "finder"), "cancel")
+        return self._key("find_object", _name_or_any(finder, "finder"), "cancel")
 
     def result(self, finder: str) -> str:
         """Requests for results that a finder keeps; '*' for all."""
-        return self._key("find_object", finder if finder == "*" else require_name(finder, "finder"), "result")
+        return self._key("find_object", _name_or_any(finder, "finder"), "result")
 
     def status(self, finder: str) -> str:
         """Goals that a finder holds; '*' for all."""
-        return self._key("find_object", finder if finder == "*" else require_name(finder, "finder"), "status")
+        return self._key("find_object", _name_or_any(finder, "finder"), "status")
 
     def feedback(self, finder: str) -> str:
-        """Updates of all goals of a finder, for watchers."""
-        return self._key("find_object", require_name(finder, "finder"), "feedback")
+        """Updates of all goals of a finder, for watchers; '*' for all."""
+        return self._key("find_object", _name_or_any(finder, "finder"), "feedback")
 
     def catalog(self, name: str) -> str:
         """One type of the catalogue; '*' for all."""

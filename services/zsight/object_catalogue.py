@@ -16,6 +16,7 @@ from zsight_protocol.object_type import ObjectType
 
 if TYPE_CHECKING:
     from zsight_core.model import ObjectModel, Shape
+    from zsight_protocol.find_object import DetectedObject
 
 __all__ = ["Catalogue", "load", "read_type", "shipped_folder"]
 
@@ -72,6 +73,20 @@ class Catalogue:
             model = _model_of(kind, self.folders[kind.name])
             self._models[kind.name] = kind, model
         return model
+
+    def outline(self, found: DetectedObject) -> Shape | None:
+        """What to draw of an object: its type's shape, or its box where the type is not known; of a surface a flat box.
+
+        Returns:
+            The shape in the object's own frame; none of a surface without an extent.
+        """
+        from zsight_core.model import Box, Surface
+
+        shape = self.model(found.type).shape if found.type in self.types else Box(found.size)
+        if isinstance(shape, Surface):
+            length, width, _ = found.size
+            return Box((length, width, 1e-3)) if length > 0 and width > 0 else None
+        return shape
 
     def add(self, kind: ObjectType, folder: Path) -> None:
         """Take a type in, in place of one of the same name."""

@@ -11,7 +11,6 @@ from zsight.convert import matrix_of, points_of
 from zsight.errors import DeadlinePassed
 from zsight.transforms import TransformBuffer
 from zsight_core import picture
-from zsight_core.model import Box, Surface
 from zsight_core.transform import inverse
 from zsight_protocol.geometry import TransformList
 from zsight_protocol.point_cloud import PointCloud2
@@ -23,7 +22,6 @@ if TYPE_CHECKING:
 
     from zsight.bus import Bus
     from zsight.object_catalogue import Catalogue
-    from zsight_core.model import Shape
     from zsight_core.points import Points
     from zsight_protocol.find_object import DetectedObject, FindObjectResult
 
@@ -59,7 +57,7 @@ def draw_answer(
     drawings: list[picture.Drawing] = []
     for found in result.objects:
         T_camera_model = T_camera_frame @ matrix_of(found.pose)
-        shape = _shape_of(found, catalogue)
+        shape = catalogue.outline(found)
         longest = max(found.size)
         if shape is not None:
             drawings.append(picture.Outline(shape, T_camera_model, label=f"{found.type}  {found.score:.2f}"))
@@ -87,15 +85,6 @@ def draw_live(bus: Bus, result: FindObjectResult, path: Path, camera: str = "kin
     T_frame_camera = buffer.lookup(result.header.frame_id or cloud.header.frame_id, cloud.header.frame_id)
     types = object_catalogue.load(object_catalogue.shipped_folder())
     draw_answer(path, points_of(cloud), result, types, T_frame_camera)
-
-
-def _shape_of(found: DetectedObject, catalogue: Catalogue) -> Shape | None:
-    """What to outline: the type's shape, or its box where the type is not known here; of a surface a flat box."""
-    shape = catalogue.model(found.type).shape if found.type in catalogue.types else Box(found.size)
-    if isinstance(shape, Surface):
-        length, width, _ = found.size
-        return Box((length, width, 1e-3)) if length > 0 and width > 0 else None
-    return shape
 
 
 def _line(found: DetectedObject) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import math
 import os
 import signal
 import socket
@@ -27,7 +28,7 @@ from zsight_protocol.health import Health, Level
 from zsight_protocol.message import Header, Time
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
     from zsight.bus import RawRequest
     from zsight.network import Network
@@ -67,7 +68,7 @@ def start_logging(process: str) -> None:
         stream=sys.stderr,
         force=True,
     )
-    for talkative in ("numba", "asyncio", "zenoh"):
+    for talkative in ("numba", "asyncio", "websockets", "zenoh"):
         logging.getLogger(talkative).setLevel("WARNING")
 
 
@@ -89,20 +90,41 @@ def join(network: Network, *, wait: float = 0.0, stopping: threading.Event | Non
                 raise
             if waited > _SILENT and not told:
                 told = True
-                log.info("waiting for a router at %s, up to %g s", ", ".join(network.connect), wait)
+                limit = "" if wait == math.inf else f", up to {wait:g} s"
+                log.info("waiting for a router at %s%s", ", ".join(network.connect), limit)
 
 
-def run_service(service: Service, settings: Settings, process: str, network: Network) -> int:
-    """Run one service until it is told to stop; the exit code."""
+def run_service(
+    service: Service,
+    settings: Settings,
+    process: str,
+    network: Network,
+    *,
+    loop: Callable[[Bus, Settings], None] | None = None,
+    wait: float = 30.0,
+) -> int:
+    """Run one service until it is told to stop.
+
+    Args:
+        service: row of the table.
+        settings: of the service.
+        process: its name in the keys.
+        network: where the router is.
+        loop: what is run; left out: the service's own.
+        wait: seconds that it waits for a router.
+
+    Returns:
+        The exit code.
+    """
     start_logging(process)
     stopping = threading.Event()
     _stop_on_signals(stopping)
-    loop = service.run()
+    loop = loop or service.run()
     try:
         if service.name == "router":
             bus = Bus(open_router(network), Cell(network.namespace))
         else:
-            bus = join(network, wait=30.0, stopping=stopping)
+            bus = join(network, wait=wait, stopping=stopping)
     except ConnectionLost as error:
         if stopping.is_set():
             return 0

@@ -43,6 +43,7 @@ SERVICES = (
     Service("voxel", "zsight.voxel", "voxel-grid downsampler"),
     Service("planes", "zsight.planes", "plane of a selected patch, and its coplanar points"),
     Service("finder", "zsight.finder", "object finder"),
+    Service("viewer", "zsight.viewer", "the browser page"),
 )
 
 

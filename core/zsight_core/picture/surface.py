@@ -8,6 +8,7 @@ import numpy as np
 from numba import njit
 from scipy.spatial import cKDTree
 
+from zsight_core.colour_map import graded, spread
 from zsight_core.points import Points, colours, from_xyz, has_colour, is_organised, xyz
 
 if TYPE_CHECKING:
@@ -21,9 +22,6 @@ JUMP = 0.018  # of the depth: neighbours farther apart are not joined
 SLANT = 8.0  # nor those more than this many pixel widths apart
 RIM = -1e-3  # share by which a triangle reaches over its edge, so that rounding leaves no crack
 SMALLEST_DISC, LARGEST_DISC = 0.8, 12.0  # pixels
-
-GRADIENT = np.array([[68, 1, 84], [59, 82, 139], [33, 145, 140], [94, 201, 98], [253, 231, 37]], dtype=np.float64)
-"""For clouds without colour: from the nearest to the farthest point."""
 
 
 def paint(points: Points, projection: Projection, image: NDArray[np.uint8], depth: NDArray[np.float32]) -> None:
@@ -62,12 +60,9 @@ def warm_up() -> None:
 
 
 def _by_depth(coordinates: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """For clouds without colour: from the nearest to the farthest point."""
     z = coordinates[..., 2]
-    finite = z[np.isfinite(z)]
-    low, high = np.percentile(finite, [2, 98]) if finite.size else (0.0, 1.0)
-    table = np.stack([np.interp(np.linspace(0, 4, 256), np.arange(5.0), GRADIENT[:, c]) for c in range(3)], axis=-1)
-    share = np.nan_to_num(np.clip((z - low) / max(float(high - low), 1e-6), 0, 1))
-    return table.astype(np.uint8)[(share * 255).astype(np.uint8)]
+    return graded(z, *spread(z))
 
 
 def _step_of_image(coordinates: NDArray[np.float32]) -> float:

@@ -26,6 +26,7 @@ COMMANDS = {
     "node": "nodes:app",
     "catalog": "catalog:app",
     "param": "parameters:app",
+    "view": "viewing:view",
     "why": "explaining:why",
     "calibrate": "explaining:calibrate",
     "warm": "running:warm",

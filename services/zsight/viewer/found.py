@@ -1,0 +1,105 @@
+"""Objects that were found, in the scene: shape, triad, label, and how sure their place is."""
+
+from __future__ import annotations
+
+import threading
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from zsight import object_catalogue
+from zsight.convert import matrix_of
+from zsight.viewer.frames import place
+from zsight_core.model import Box
+from zsight_core.solid import solid_of
+
+if TYPE_CHECKING:
+    import viser
+    from numpy.typing import NDArray
+
+    from zsight.viewer.frames import Frames
+    from zsight_protocol.find_object import DetectedObject, FindObjectResult
+
+__all__ = ["FoundObjects", "ellipsoid"]
+
+_DEVIATIONS = 3.0  # standard deviations that the ellipsoid reaches
+_PLAIN = (0, 158, 115)  # of objects whose type has no colour
+
+
+class FoundObjects:
+    """The last answer for each type."""
+
+    def __init__(self, server: viser.ViserServer, frames: Frames) -> None:
+        """Args: server of the page; frames that place the objects."""
+        self._server, self._frames = server, frames
+        self._catalogue = object_catalogue.load(object_catalogue.shipped_folder())
+        self._results: dict[str, FindObjectResult] = {}
+        self._nodes: list[str] = []
+        self._generation = frames.generation
+        self._lock = threading.RLock()
+
+    def show(self, object_type: str, result: FindObjectResult) -> None:
+        """Draw an answer in place of the last one for this type."""
+        with self._lock:
+            self._results[object_type] = result
+            self._draw()
+
+    def clear(self) -> None:
+        """Forget all."""
+        with self._lock:
+            self._results.clear()
+            self._draw()
+
+    def update(self) -> None:
+        """Draw anew where the fixed frame has changed."""
+        if self._generation != self._frames.generation:
+            self._generation = self._frames.generation
+            with self._lock:
+                self._draw()
+
+    def _draw(self) -> None:
+        for node in self._nodes:
+            self._server.scene.remove_by_name(node)
+        self._nodes = []
+        for result in self._results.values():
+            T_fixed_answer = self._frames.T_fixed(result.header.frame_id, result.header.stamp.ns)
+            if T_fixed_answer is not None:
+                for found in result.objects:
+                    self._draw_one(found, T_fixed_answer)
+
+    def _draw_one(self, found: DetectedObject, T_fixed_answer: NDArray[np.float64]) -> None:
+        scene, node = self._server.scene, f"/found/{len(self._nodes)}"
+        self._nodes.append(node)
+        T = T_fixed_answer @ matrix_of(found.pose)
+        length = float(np.clip(0.9 * max(found.size), 0.05, 0.2))
+        scene.add_frame(node, axes_length=length, axes_radius=length / 30, **place(T))
+        shape = self._catalogue.outline(found) or Box((0.01, 0.01, 0.001))
+        solid = solid_of(shape)
+        known = self._catalogue.types.get(found.type)
+        colour = known.colour if known is not None and known.colour is not None else _PLAIN
+        scene.add_mesh_simple(
+            f"{node}/shape", solid.vertices, solid.faces, color=colour, opacity=0.55, flat_shading=True, side="double"
+        )
+        top = (0.0, 0.0, max(found.size) / 2 + 0.02)
+        words = f"{found.type} {found.score:.0%}"
+        scene.add_label(f"{node}/label", words, position=top, font_screen_scale=0.9, anchor="bottom-center")
+        T_answer_axes, radii = ellipsoid(np.reshape(found.covariance, (6, 6))[:3, :3])
+        T_fixed_axes = np.eye(4)
+        T_fixed_axes[:3, :3] = T_fixed_answer[:3, :3] @ T_answer_axes
+        T_fixed_axes[:3, 3] = T[:3, 3]
+        sure = f"{node}_sure"
+        self._nodes.append(sure)
+        scene.add_icosphere(sure, 1.0, (204, 121, 167), scale=radii, opacity=0.6, subdivisions=2, **place(T_fixed_axes))
+
+
+def ellipsoid(covariance: NDArray[np.float64]) -> tuple[NDArray[np.float64], tuple[float, float, float]]:
+    """Axes (3, 3), a rotation, and half lengths of the ellipsoid of three standard deviations, metres.
+
+    Args:
+        covariance: (3, 3) of a position, square metres.
+    """
+    values, axes = np.linalg.eigh((covariance + covariance.T) / 2)
+    if np.linalg.det(axes) < 0:
+        axes[:, 0] = -axes[:, 0]
+    x, y, z = (_DEVIATIONS * float(np.sqrt(max(value, 0.0))) for value in values)
+    return axes, (x, y, z)
