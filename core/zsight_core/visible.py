@@ -96,4 +96,4 @@ def _slope(nearest: NDArray[np.float64], axis: int) -> NDArray[np.float64]:
     if not step.size:
         return edge
     before, after = np.concatenate([edge, step], axis=axis), np.concatenate([step, edge], axis=axis)
-    return np.nan_to_num(np.minimum(before, after))
+    return np.asarray(np.nan_to_num(np.minimum(before, after)))

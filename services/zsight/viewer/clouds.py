@@ -176,7 +176,7 @@ class Clouds:
         except CoreError:
             return
         age = max(0.0, (time.time_ns() - cloud.header.stamp.ns) / 1e9)
-        colours, colouring = coloured(points, _heights(xyz, T, self._frames.fixed), age, Colouring(self._wish.value))
+        colours, colouring = coloured(points, transform_xyz(T, xyz) @ self._frames.up, age, Colouring(self._wish.value))
         self._shown[kind, camera] = Shown(camera, cloud, T, len(xyz), colouring)
         self._server.scene.add_point_cloud(
             _node(kind, camera),
@@ -196,9 +196,3 @@ class Clouds:
 
 def _node(kind: CloudKind, camera: str) -> str:
     return f"/clouds/{camera}/{kind.channel.replace('/', '_')}"
-
-
-def _heights(xyz: NDArray[np.float32], T: NDArray[np.float64], frame: str) -> NDArray[np.floating]:
-    """(M,) along the vertical of the fixed frame: up is z, in optical frames against y."""
-    moved = transform_xyz(T, xyz)
-    return -moved[:, 1] if frame.endswith("_optical_frame") else moved[:, 2]

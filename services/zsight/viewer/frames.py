@@ -68,6 +68,11 @@ class Frames:
             some = min(self._seen, default="")
         return self._buffer.root_of(some) if some else ""
 
+    @property
+    def up(self) -> tuple[float, float, float]:
+        """Against gravity in the fixed frame: z, in optical frames against y."""
+        return (0.0, -1.0, 0.0) if self.fixed.endswith("_optical_frame") else (0.0, 0.0, 1.0)
+
     def heard(self, frame: str) -> None:
         """A message came in this frame."""
         with self._lock:
@@ -75,6 +80,7 @@ class Frames:
                 return
             self._seen.add(frame)
         self._offer()
+        self._server.scene.set_up_direction(self.up)
 
     def T_fixed(self, frame: str, stamp_ns: int | None = None) -> NDArray[np.float64] | None:
         """T_fixed_frame (4, 4) at a time, or the newest that is known; none where no chain leads there."""
@@ -90,6 +96,7 @@ class Frames:
         fixed_ones = self._take_in(self._static, static=True)
         if self._take_in(self._moving, static=False) or fixed_ones:
             self._offer()
+            self._server.scene.set_up_direction(self.up)
             self._draw()
         self.generation += fixed_ones
 
@@ -110,7 +117,7 @@ class Frames:
                 set_value(self._choice, chosen)
 
     def _choose(self) -> None:
-        self._server.scene.set_up_direction("-y" if self.fixed.endswith("_optical_frame") else "+z")
+        self._server.scene.set_up_direction(self.up)
         self._draw()
         self.generation += 1
 

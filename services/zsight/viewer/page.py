@@ -80,7 +80,7 @@ class Page:
             frames = Frames(server, bus, settings.frame)
             clouds = Clouds(server, bus, frames, settings)
             cameras = Cameras(server, bus, frames, clouds)
-            viewpoint = Viewpoint(server, clouds)
+            viewpoint = Viewpoint(server, frames, clouds)
         found = FoundObjects(server, frames)
         with tabs.add_tab("Select"):
             selection = Selection(server, bus, frames, clouds, asks=not settings.read_only)
