@@ -6,6 +6,7 @@ ZsightError                 1
 ├── NobodyAnswers           3   the network is there and nobody serves the request
 ├── ServerLost              3   the server died or was cut off while it worked on the request
 ├── RequestRefused          2   the server says no: unknown type, bad frame, empty region
+├── NotAllowed              2   this host's keys do not allow it
 ├── ServerBusy              3   the server has no room for another goal now
 ├── DeadlinePassed          4   no answer within the time allowed
 └── GoalCancelled           5   the goal was cancelled
@@ -18,6 +19,7 @@ __all__ = [
     "DeadlinePassed",
     "GoalCancelled",
     "NobodyAnswers",
+    "NotAllowed",
     "RequestRefused",
     "ServerBusy",
     "ServerLost",
@@ -58,6 +60,12 @@ class ServerLost(ZsightError):
 
 class RequestRefused(ZsightError):
     """The server says no."""
+
+    exit_code = 2
+
+
+class NotAllowed(ZsightError):
+    """This host's keys do not allow it."""
 
     exit_code = 2
 

@@ -19,6 +19,8 @@ from zsight import shared_memory
 from zsight.bus import Bus
 from zsight.bus.zenoh_link import open_link, open_router
 from zsight.errors import ConnectionLost, ZsightError
+from zsight.identity import Roster, read_identity
+from zsight.network import Network
 from zsight.parameters import Parameters, Saved, serve_parameters
 from zsight_core.errors import CoreError
 from zsight_protocol.channels import Cell
@@ -31,7 +33,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from zsight.bus import RawRequest
-    from zsight.network import Network
     from zsight.services import Service
     from zsight.settings import Settings
 
@@ -44,6 +45,7 @@ SUPERVISED = "ZSIGHT_SUPERVISED"
 
 _BEAT = 1.0  # seconds between health beats
 _RETRY = 0.1  # seconds between attempts to reach the router
+_LOOK = 0.2  # seconds between two looks at a router's list of hosts
 _SILENT = 2.0  # seconds that a process waits for the router without a word
 
 
@@ -53,7 +55,10 @@ def version() -> str:
 
 
 def host_name() -> str:
-    """This host's name as it stands in keys."""
+    """This host's name as it stands in keys: that of its certificate, where it has one."""
+    keys = Network.from_environment().keys
+    if keys:
+        return read_identity(Path(keys)).host
     name = os.environ.get("ZSIGHT_HOST") or socket.gethostname()
     legal = "".join(c if (c.isascii() and c.isalnum()) or c in "-_." else "-" for c in name.lower())
     return legal.strip(".-") or "host"
@@ -82,11 +87,12 @@ def join(network: Network, *, wait: float = 0.0, stopping: threading.Event | Non
     started = time.monotonic()
     told = False
     while True:
+        waited = time.monotonic() - started
+        last = waited >= wait
         try:
-            return Bus(open_link(network), Cell(network.namespace))
+            return Bus(open_link(network, explain=last), Cell(network.namespace))
         except ConnectionLost:
-            waited = time.monotonic() - started
-            if waited >= wait or stop.wait(_RETRY):
+            if last or stop.wait(_RETRY):
                 raise
             if waited > _SILENT and not told:
                 told = True
@@ -121,30 +127,44 @@ def run_service(
     _stop_on_signals(stopping)
     loop = loop or service.run()
     try:
-        if service.name == "router":
-            bus = Bus(open_router(network), Cell(network.namespace))
-        else:
-            bus = join(network, wait=wait, stopping=stopping)
-    except ConnectionLost as error:
-        if stopping.is_set():
+        while _served(lambda: _open(service, network, wait, stopping), loop, service, settings, process, stopping):
+            log.info("the list of hosts has changed: opened anew")
+    except (ZsightError, CoreError, ProtocolError) as error:
+        if isinstance(error, ConnectionLost) and stopping.is_set():
             return 0
         log.error("%s", error)
-        return error.exit_code
-    with bus, _beating(bus, service, process):
-        serve_parameters(
-            bus, host_name(), process, service.name, Parameters(settings, Saved(network.namespace, process))
-        )
-        threading.Thread(target=_stop_bus, args=(stopping, bus), name="stop", daemon=True).start()
-        try:
-            loop(bus, settings)
-        except (ZsightError, CoreError, ProtocolError) as error:
-            log.error("%s", error)
-            return getattr(error, "exit_code", 2)
-        finally:
-            stopping.set()
+        return getattr(error, "exit_code", 2)
+    finally:
+        stopping.set()
     shared_memory.remove_orphans()
     log.info("stopped")
     return 0
+
+
+def _open(service: Service, network: Network, wait: float, stopping: threading.Event) -> Bus:
+    if service.name == "router":
+        return Bus(open_router(network), Cell(network.namespace))
+    return join(network, wait=wait, stopping=stopping)
+
+
+def _served(
+    open_bus: Callable[[], Bus],
+    loop: Callable[[Bus, Settings], None],
+    service: Service,
+    settings: Settings,
+    process: str,
+    stopping: threading.Event,
+) -> bool:
+    """Run a service on a session of its own; true where a router is to be opened anew, for other hosts."""
+    bus = open_bus()
+    keys = Network.from_environment().keys
+    roster = Roster(keys) if service.name == "router" and keys else None
+    parameters = Parameters(settings, Saved(bus.cell.namespace, process))
+    with bus, _beating(bus, service, process):
+        serve_parameters(bus, host_name(), process, service.name, parameters)
+        threading.Thread(target=_stop_bus, args=(stopping, bus, roster), name="stop", daemon=True).start()
+        loop(bus, settings)
+    return roster is not None and roster.changed and not stopping.is_set()
 
 
 def _stop_on_signals(stopping: threading.Event) -> None:
@@ -161,8 +181,11 @@ def _stop_with_input(stopping: threading.Event) -> None:
     stopping.set()
 
 
-def _stop_bus(stopping: threading.Event, bus: Bus) -> None:
-    stopping.wait()
+def _stop_bus(stopping: threading.Event, bus: Bus, roster: Roster | None) -> None:
+    """Stop the bus when the process is to stop, or when other hosts are welcome than it was opened for."""
+    while not stopping.wait(None if roster is None else _LOOK) and not bus.stopping.is_set():
+        if roster is not None and roster.has_changed():
+            break
     bus.stop()
 
 

@@ -6,6 +6,7 @@ import threading
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from zsight.bus.counters import ReadCounter, WriteCounter
+from zsight.bus.gate import Gate
 from zsight.bus.reader import Reader, Received
 from zsight.bus.replies import Replies
 from zsight.bus.writer import Writer
@@ -69,8 +70,8 @@ class Bus:
         return reader
 
     def serve(self, key: str, handler: RequestHandler) -> Closable:
-        """Answer requests on a key; handler must hand the work to another thread."""
-        return self.link.serve(key, handler)
+        """Answer requests on a key, within their limits; handler must hand the work to another thread."""
+        return self.link.serve(key, Gate(handler))
 
     def ask(self, key: str, payload: bytes, timeout: float, *, everyone: bool = False) -> Replies:
         """Send a request to the best server, or to everyone who serves the key expression."""

@@ -7,6 +7,7 @@ from collections import OrderedDict
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from zsight import limits
 from zsight_protocol.channels import Delivery
 
 if TYPE_CHECKING:
@@ -18,7 +19,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Arrived", "Inbox"]
 
-_MOST = 256  # messages that may wait before the oldest is counted as lost
 _STALE_NS = 50_000_000  # a message this much slower than its writer's fastest was held up
 _GRACE = 0.03  # seconds that a held-up message waits at least for a newer one
 _LONGEST = 1.0  # seconds that it waits at most while newer ones keep coming that were held up too
@@ -65,7 +65,7 @@ class Inbox:
         place = self._place(arrived)
         if self._waiting.pop(place, None) is not None:
             self._counter.superseded += 1
-        elif len(self._waiting) >= _MOST:
+        elif len(self._waiting) >= limits.WAITING:
             self._waiting.popitem(last=False)
             self._counter.lost += 1
         self._waiting[place] = arrived

@@ -8,6 +8,7 @@ import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Generic, TypeVar
 
+from zsight import limits
 from zsight.bus.attachment import Attachment
 from zsight.bus.inbox import Arrived, Inbox
 from zsight.bus.writer import stamp_ns
@@ -81,7 +82,8 @@ class Reader(Generic[M]):
         attachment = Attachment.unpack(sample.attachment)
         now = time.time_ns()
         # What may queue must not hold the writer's shared memory meanwhile.
-        payload = sample.take() if self._delivery is Delivery.EVERY else None
+        fits = sample.size <= limits.MESSAGE_BYTES
+        payload = sample.take() if self._delivery is Delivery.EVERY and fits else None
         with self._changed:
             if self._is_over():
                 return
@@ -132,6 +134,9 @@ class Reader(Generic[M]):
             return overtaken
 
     def _decoded(self, arrived: Arrived) -> tuple[Arrived, M, int] | None:
+        if arrived.sample.size > limits.MESSAGE_BYTES:  # through shared memory, where Zenoh keeps no limit
+            self._refuse(arrived.sample.key, f"{arrived.sample.size} bytes; at most {limits.MESSAGE_BYTES} are read")
+            return None
         payload = arrived.payload if self._delivery is Delivery.EVERY else arrived.sample.take()
         if payload is None:
             self.counter.lost += 1
@@ -142,7 +147,7 @@ class Reader(Generic[M]):
             self._refuse(arrived.sample.key, error)
             return None
 
-    def _refuse(self, key: str, error: ProtocolError) -> None:
+    def _refuse(self, key: str, error: ProtocolError | str) -> None:
         self.counter.refused += 1
         refused = self.counter.refused
         if refused == 1:

@@ -6,19 +6,27 @@ import json
 import logging
 import queue
 import re
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import zenoh
 from zenoh import ext, handlers
 
+from zsight import identity, limits
 from zsight.bus.buffer_ring import BufferRing
 from zsight.bus.link import Arrival, Closable, RequestHandler
-from zsight.errors import ConnectionLost, RequestRefused, UsageError
+from zsight.errors import ConnectionLost, NotAllowed, RequestRefused, UsageError
+from zsight.identity import read_hosts, read_identity
+from zsight.reaching import what_happened
+from zsight.roles import access_rules, grants_of
 from zsight_protocol.channels import Delivery
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from zsight.identity import Identity
     from zsight.network import Network
     from zsight_protocol.point_cloud import Buffer
 
@@ -32,20 +40,22 @@ _NOBODY = "Unable to connect to any of"  # Zenoh's words for no answer; they rep
 _REFUSED = b"refused: "  # tells our servers' words from Zenoh's own error replies
 
 
-def open_link(network: Network, *, mode: str = "client") -> ZenohLink:
-    """Join the network.
+def open_link(network: Network, *, mode: str = "client", explain: bool = True) -> ZenohLink:
+    """Join the network; where that fails, look what happens at each endpoint, which may take a second, to explain it.
 
     Raises:
         ConnectionLost: no endpoint could be reached; says which were tried.
         UsageError: an endpoint or the configuration file makes no sense.
     """
     config = _config(network, mode)
+    guard = Guard.of(network)
     try:
-        return ZenohLink(zenoh.open(config), shared_memory=network.shared_memory)
+        return ZenohLink(zenoh.open(config), guard, shared_memory=network.shared_memory)
     except zenoh.ZError as error:
-        tried = ", ".join(network.connect)
         why = "" if str(error).startswith(_NOBODY) else f" ({_short(error)})"
-        raise ConnectionLost(f"cannot reach a router at {tried}{why}: start one with: zsight up") from None
+        look = partial(what_happened, keys=network.keys) if explain else str
+        tried = "; ".join(map(look, network.connect))
+        raise ConnectionLost(f"cannot reach a router{why}: {tried}") from None
 
 
 def open_router(network: Network) -> ZenohLink:
@@ -53,9 +63,13 @@ def open_router(network: Network) -> ZenohLink:
 
     Raises:
         ConnectionLost: an endpoint is taken, or cannot be listened on.
+        UsageError: others would reach it and no key be asked for, or its keys make no sense.
     """
+    network.require_guarded()
+    if network.open and not network.keys:
+        log.warning("open to everybody who reaches %s: nobody is asked for a key", ", ".join(network.listen))
     try:
-        return ZenohLink(zenoh.open(_config(network, "router")))
+        return ZenohLink(zenoh.open(_config(network, "router")), Guard())
     except zenoh.ZError as error:
         where = ", ".join(network.listen)
         raise ConnectionLost(
@@ -77,7 +91,10 @@ def _config(network: Network, mode: str) -> zenoh.Config:
         "timestamping/enabled": True,
         "transport/link/tx/queue/size/data": 16,
         "transport/link/tx/lease": _LEASE_MS,
+        "transport/link/rx/max_message_size": limits.MESSAGE_BYTES,
+        "transport/unicast/max_sessions": limits.SESSIONS,
         "transport/shared_memory/enabled": network.shared_memory,
+        **_secured(network, mode),
     }
     if network.shared_memory:
         # What is not put there by a ring may be taken back from nobody: Zenoh must not put it there by itself.
@@ -103,17 +120,72 @@ def _config(network: Network, mode: str) -> zenoh.Config:
     return config
 
 
+def _secured(network: Network, mode: str) -> dict[str, Any]:
+    """Mutual TLS with the keys of this host, and at the router the access rules of all hosts."""
+    if not network.keys:
+        return {}
+    folder = Path(network.keys)
+    read_identity(folder)
+    router = mode == "router"
+    tls = {
+        "root_ca_certificate": str(folder / (identity.TRUSTED if router else identity.CA)),
+        "enable_mtls": True,
+        "connect_private_key": str(folder / identity.KEY),
+        "connect_certificate": str(folder / identity.CERTIFICATE),
+        "verify_name_on_connect": True,
+        "close_link_on_expiration": True,
+    }
+    if not router:
+        return {"transport/link/tls": tls}
+    tls |= {"listen_private_key": str(folder / identity.KEY), "listen_certificate": str(folder / identity.CERTIFICATE)}
+    return {"transport/link/tls": tls, "access_control": access_rules(read_hosts(folder))}
+
+
+@dataclass(frozen=True)
+class Guard:
+    """What this host's keys allow; without keys everything.
+
+    The router drops what is not allowed without a word, so that it is looked at here first, where it can be told.
+    """
+
+    identity: Identity | None = None
+
+    @classmethod
+    def of(cls, network: Network) -> Guard:
+        """Of the keys in a network's folder."""
+        return cls(read_identity(Path(network.keys)) if network.keys else None)
+
+    def require(self, action: str, key: str) -> None:
+        """That an action on a key is allowed.
+
+        Raises:
+            NotAllowed: it is not.
+        """
+        if self.identity is None:
+            return
+        granted = [
+            f"{cell}/{pattern}" for cell in self.identity.cells for pattern in grants_of(self.identity).of(action)
+        ]
+        if not any(zenoh.KeyExpr(pattern).includes(zenoh.KeyExpr(key)) for pattern in granted):
+            raise NotAllowed(
+                f"the keys of {self.identity.host} do not allow to {action} {key}: its roles are "
+                f"{', '.join(self.identity.roles)} in {', '.join(self.identity.cells)}; see: zsight keys add --help"
+            )
+
+
 class ZenohLink:
     """A Zenoh session as the bus sees it."""
 
-    def __init__(self, session: zenoh.Session, *, shared_memory: bool = True) -> None:
-        """Args: an open session, which is closed with the link; whether to use shared memory."""
+    def __init__(self, session: zenoh.Session, guard: Guard, *, shared_memory: bool = True) -> None:
+        """Args: an open session, closed with the link; what this host may do; whether to use shared memory."""
         self._session = session
+        self._guard = guard
         self._shared_memory = shared_memory
         self._closed = False
 
     def writer(self, key: str, delivery: Delivery) -> _ZenohWriter:
         """A writer on a key."""
+        self._guard.require("publish", key)
         if delivery is Delivery.LATCHED:
             publisher: Any = ext.declare_advanced_publisher(
                 self._session,
@@ -134,6 +206,7 @@ class ZenohLink:
 
     def reader(self, key: str, delivery: Delivery, arrival: Arrival) -> Closable:
         """A reader on a key expression."""
+        self._guard.require("read", key)
         # A direct callback has no hidden queue; the bus keeps what it wants of the arrivals.
         handler: Any = handlers.Callback(lambda sample: arrival(_ZenohSample(sample)), indirect=False)
         if delivery is Delivery.LATCHED:
@@ -146,16 +219,19 @@ class ZenohLink:
 
     def serve(self, key: str, handler: RequestHandler) -> Closable:
         """Answer requests."""
+        self._guard.require("serve", key)
         direct: Any = handlers.Callback(lambda query: handler(_ZenohRequest(query, key)), indirect=False)
         queryable = self._session.declare_queryable(key, direct, complete=True)
         return Closable(lambda: self._undeclare(queryable))
 
     def ask(self, key: str, payload: bytes, timeout: float, *, everyone: bool = False) -> _ZenohReplies:
         """Send a request."""
+        self._guard.require("ask", key)
         return _ZenohReplies(self._session, key, payload, timeout, everyone=everyone)
 
     def declare_alive(self, key: str) -> Closable:
         """Hold a liveliness token."""
+        self._guard.require("hold", key)
         token = self._session.liveliness().declare_token(key)
         return Closable(lambda: self._undeclare(token))
 

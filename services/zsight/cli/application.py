@@ -27,6 +27,7 @@ COMMANDS = {
     "catalog": "catalog:app",
     "param": "parameters:app",
     "view": "viewing:view",
+    "keys": "keys:app",
     "why": "explaining:why",
     "calibrate": "explaining:calibrate",
     "warm": "running:warm",

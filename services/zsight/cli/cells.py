@@ -13,10 +13,11 @@ from typing import IO, TYPE_CHECKING, Annotated
 
 import typer
 
-from zsight.cli.options import Connect, Namespace, network_of
+from zsight.cli.options import Connect, Namespace, Open, network_of
 from zsight.cli.output import say
 from zsight.cli.running import require_warm
 from zsight.errors import ConnectionLost, NobodyAnswers, UsageError, ZsightError
+from zsight.network import endpoints_of
 
 if TYPE_CHECKING:
     from zsight.cell_file import CellFile
@@ -35,6 +36,7 @@ def up(
     connect: Connect = None,
     namespace: Namespace = None,
     listen: Listen = None,
+    everybody: Open = False,
     detach: Annotated[
         bool, typer.Option("--detach", "-d", help="Come back when all is up; stop with: zsight down")
     ] = False,
@@ -48,6 +50,9 @@ def up(
     if any(entry.service != "router" for entry in table.processes):
         require_warm()
     network = _network(table, connect, namespace, listen)
+    network = replace(network, open=network.open or everybody)
+    if any(entry.service == "router" for entry in table.processes):
+        network.require_guarded()
     if detach:
         _detach(network)
         return
@@ -85,9 +90,9 @@ def _network(table: CellFile, connect: str | None, namespace: str | None, listen
     if table.connect:
         network = replace(network, connect=table.connect)
     if listen or table.listen:
-        endpoints = tuple(part.strip() for part in listen.split(",")) if listen else table.listen or ()
+        endpoints = endpoints_of(listen) if listen else table.listen or ()
         network = replace(network, listen=endpoints, connect=tuple(_reachable(e) for e in endpoints[:1]))
-    return network if connect is None else replace(network, connect=tuple(part.strip() for part in connect.split(",")))
+    return network if connect is None else replace(network, connect=endpoints_of(connect))
 
 
 def _reachable(endpoint: str) -> str:

@@ -9,15 +9,16 @@ from typing import Annotated
 import typer
 
 from zsight.errors import UsageError
-from zsight.network import Network
+from zsight.network import Network, endpoints_of
 
-__all__ = ["CameraPose", "Connect", "Force", "Intrinsics", "Json", "Namespace", "Out", "Picture", "network_of"]
+__all__ = ["CameraPose", "Connect", "Force", "Intrinsics", "Json", "Namespace", "Open", "Out", "Picture", "network_of"]
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout.")]
 Connect = Annotated[
     str | None, typer.Option("--connect", metavar="ENDPOINT", help="The router, such as tcp/192.0.2.7:7447.")
 ]
 Namespace = Annotated[str | None, typer.Option("--namespace", help="The cell, where several share a network.")]
+Open = Annotated[bool, typer.Option("--open", help="Let a router be reached from other hosts without asking for keys.")]
 Force = Annotated[bool, typer.Option("--force", help="Overwrite the output file.")]
 Out = Annotated[
     Path | None, typer.Option("--output", "-o", metavar="FILE", help="Write the cloud here (.pcd or .ply).")
@@ -51,5 +52,5 @@ def network_of(connect: str | None, namespace: str | None = None) -> Network:
     """The network from the options, else from the environment."""
     network = Network.from_environment()
     if connect is not None:
-        network = replace(network, connect=tuple(part.strip() for part in connect.split(",")))
+        network = replace(network, connect=endpoints_of(connect))
     return network if namespace is None else replace(network, namespace=namespace)

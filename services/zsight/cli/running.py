@@ -9,9 +9,10 @@ from typing import Annotated
 
 import typer
 
-from zsight.cli.options import Connect, Namespace, network_of
+from zsight.cli.options import Connect, Namespace, Open, network_of
 from zsight.cli.output import print_table, say
 from zsight.errors import UsageError
+from zsight.network import endpoints_of
 
 __all__ = ["require_warm", "run", "warm"]
 
@@ -23,6 +24,8 @@ def run(
     connect: Connect = None,
     namespace: Namespace = None,
     listen: Annotated[str | None, typer.Option("--listen", help="Where a router listens (comma between).")] = None,
+    peers: Annotated[str | None, typer.Option("--peers", help="Routers of other sites that it joins.")] = None,
+    everybody: Open = False,
 ) -> None:
     """Run one service here until Ctrl-C; its settings follow as options (zsight run SERVICE --help lists them)."""
     from zsight.parameters import load
@@ -40,7 +43,8 @@ def run(
     network = network_of(connect, namespace)
     settings = load(row.settings(), process or row.name, network.namespace, _options(context.args))
     if listen is not None:
-        network = replace(network, listen=tuple(part.strip() for part in listen.split(",")))
+        network = replace(network, listen=endpoints_of(listen))
+    network = replace(network, peers=endpoints_of(peers or ""), open=network.open or everybody)
     from zsight.runtime import run_service
     from zsight.shared_memory import leave
 

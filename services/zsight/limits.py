@@ -1,0 +1,24 @@
+"""What is taken from the network at most: every limit on what others send, in one place.
+
+What the messages themselves may hold stands with them, in zsight_protocol; how many goals a finder takes, in its
+settings ``parallel`` and ``queue``.
+"""
+
+from __future__ import annotations
+
+__all__ = ["MESSAGE_BYTES", "REQUESTS_PER_SECOND", "REQUEST_BYTES", "SESSIONS", "WAITING"]
+
+MESSAGE_BYTES = 512 * 2**20
+"""Largest message: 33 million points of 16 bytes. Zenoh drops the link of who sends more, a reader refuses it."""
+
+WAITING = 256
+"""Messages that wait for a reader of a channel on which each counts; more are lost, and counted."""
+
+REQUEST_BYTES = 2**20
+"""Largest request; goals, types and settings are some kilobytes."""
+
+REQUESTS_PER_SECOND = 5000.0
+"""Requests on one key that are looked at; more are refused at once. A fast client on this host asks 2000 a second."""
+
+SESSIONS = 256
+"""Processes that join one router."""
