@@ -1,4 +1,4 @@
-"""Keys between real processes: a rogue's own log says why it reaches nobody; a revoked host is out while the router runs."""
+"""Keys between real processes: a rogue's own log says why; a host is revoked while the router runs."""
 
 from __future__ import annotations
 
