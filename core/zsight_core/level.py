@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from zsight_core.errors import GeometryError
-from zsight_core.transform import from_quaternion, inverse
+from zsight_core.transform import from_quaternion, from_rpy, inverse
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -21,17 +21,24 @@ _LEVEL = np.radians(15)  # a surface within this of horizontal is a table or a f
 _TILTED = np.radians(30)  # beyond this it is neither, or the camera's frame is not what it is taken for
 
 
-def level_camera(normal: NDArray[np.float64], distance: float, surface_height: float = 0.0) -> NDArray[np.float64]:
+def level_camera(
+    normal: NDArray[np.float64],
+    distance: float,
+    surface_height: float = 0.0,
+    T_world_camera: NDArray[np.float64] | None = None,
+) -> NDArray[np.float64]:
     """Where a camera is above a level surface that it sees.
 
     Args:
         normal: (3,) unit normal of the surface, up, in the camera's optical frame.
         distance: n . p of its points, metres, negative.
         surface_height: of the surface in the world, metres.
+        T_world_camera: (4, 4) where the camera was taken to be; None: nothing is known.
 
     Returns:
-        T_world_camera (4, 4): roll, pitch and height are those that make the surface level; the camera stands above
-        the world's origin and looks along its x axis, since a plane tells neither place nor yaw.
+        T_world_camera (4, 4): roll, pitch and height are those that make the surface level. A plane tells neither place
+        nor yaw: they stay what they were, and where nothing was known the camera stands above the world's origin and
+        looks along its x axis.
 
     Raises:
         GeometryError: the camera looks straight along the normal, so that no direction is forward.
@@ -44,7 +51,14 @@ def level_camera(normal: NDArray[np.float64], distance: float, surface_height: f
     T = np.eye(4)
     T[:3, :3] = [x_world, np.cross(normal, x_world), normal]
     T[2, 3] = surface_height - distance
-    return T
+    return T if T_world_camera is None else _heading_as(T_world_camera) @ T
+
+
+def _heading_as(T_world_camera: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The turn about the world's z (4, 4), and the shift along its x and y, from its origin to the camera."""
+    x, y = T_world_camera[:2, 2]  # where the optical axis points
+    place = (float(T_world_camera[0, 3]), float(T_world_camera[1, 3]), 0.0)
+    return from_rpy(place, (0.0, 0.0, float(np.arctan2(y, x))))
 
 
 def frame_mistake(normal: NDArray[np.float64], T_world_camera: NDArray[np.float64]) -> str:

@@ -7,12 +7,13 @@ import math
 import time
 from typing import TYPE_CHECKING
 
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from zsight.convert import cloud_from_points
+from zsight.errors import UsageError
 from zsight.settings import Live
 from zsight.settings import Settings as ServiceSettings
-from zsight.sources import open_source
+from zsight.sources import open_source, placed, pose_matrix
 from zsight_core.errors import FileError
 from zsight_protocol.camera_info import CameraInfo
 from zsight_protocol.geometry import TransformList
@@ -22,7 +23,7 @@ from zsight_protocol.point_cloud import PointCloud2
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from zsight.bus import Bus
+    from zsight.bus import Bus, Writer
     from zsight.sources import Source
     from zsight_core.points import Points
 
@@ -46,11 +47,23 @@ class Settings(ServiceSettings):
     )
     loop: Live[bool] = Field(True, description="begin again after the last file; otherwise stop there")
     frame: str = Field("", description="frame of clouds from files; CAMERA_optical_frame if not given")
-    pose: str = Field(
-        "", description="x y z qx qy qz qw of that frame in the world, metres, where known; viewpoint: the .pcd file's"
+    pose: Live[str] = Field(
+        "",
+        description="x y z qx qy qz qw of the clouds' frame in the world, metres; viewpoint: the .pcd file's; "
+        "as the scene says if not given",
     )
     world_frame: str = Field("world", description="name of the world's frame for such a pose")
     seed: int | None = Field(None, ge=0, description="seed of a scene's noise; the scene's own if not given")
+
+    @field_validator("pose")
+    @classmethod
+    def _require_pose(cls, pose: str) -> str:
+        if pose not in ("", "viewpoint"):
+            try:
+                pose_matrix(pose)
+            except UsageError as error:
+                raise ValueError(str(error)) from None
+        return pose
 
 
 def run(bus: Bus, settings: Settings) -> None:
@@ -62,12 +75,25 @@ def run(bus: Bus, settings: Settings) -> None:
     writer = bus.writer(bus.cell.points(settings.camera), PointCloud2)
     if source.camera_info is not None:
         bus.writer(bus.cell.camera_info(settings.camera), CameraInfo).send(source.camera_info)
+    transforms = bus.writer(bus.cell.tf_static, TransformList)
     if source.transforms is not None:
-        bus.writer(bus.cell.tf_static, TransformList).send(source.transforms)
+        transforms.send(source.transforms)
+    pose = settings.pose
     clouds = _stream(source, settings)
     bus.ready()
     for points in _paced(clouds, lambda: settings.rate or source.rate, bus):
+        if settings.pose != pose:
+            pose = settings.pose
+            _move(source, pose, settings.world_frame, transforms)
         writer.send(cloud_from_points(points, Time.now(), source.frame_id))
+
+
+def _move(source: Source, pose: str, world_frame: str, writer: Writer[TransformList]) -> None:
+    """Tell everybody where the camera stands now."""
+    transforms = placed(source, pose, world_frame)
+    if transforms is not None:
+        writer.send(transforms)
+    log.info("the camera stands at %s", pose or "where its source says")
 
 
 def _stream(source: Source, settings: Settings) -> Iterator[Points]:

@@ -26,6 +26,7 @@ from zsight.errors import (
     UsageError,
     ZsightError,
 )
+from zsight.levelling import CameraLevel, await_level, measure_level, process_of
 from zsight.merging import MergedObject, merge
 from zsight.network import Network
 from zsight.parameter_client import ParameterClient
@@ -260,6 +261,39 @@ class CellClient:
         with contextlib.closing(self.bus.reader(full, PointCloud2)) as reader:
             while (received := reader.take(timeout)) is not None:
                 yield Cloud.of(received.message)
+
+    def level_camera(
+        self,
+        camera: str = "kinect",
+        *,
+        surface_height: float = 0.0,
+        timeout: float = 5.0,
+        apply: bool = True,
+        save: bool = False,
+    ) -> CameraLevel:
+        """Measure roll, pitch and height of a camera by the table or floor it sees, and let it stand there.
+
+        The camera tells its new pose to all (``tf_static``); every answer from its next cloud on is in it. Place and
+        yaw, which a surface does not tell, stay what they were. Needs the kernels (zsight[perception]).
+
+        Args:
+            camera: which one.
+            surface_height: of the largest surface in view, metres in the world: 0 for the floor.
+            timeout: seconds to wait for a cloud.
+            apply: set the pose of the running camera; otherwise only measure.
+            save: keep it over restarts of the camera's process too.
+
+        Raises:
+            DeadlinePassed: no cloud came, or the camera does not tell its new pose.
+            NobodyAnswers: nobody publishes its clouds.
+            RequestRefused: whoever publishes its clouds is no camera service, and cannot be moved.
+            ZsightError: no surface is in view.
+        """
+        level = measure_level(self.bus, camera, surface_height, timeout)
+        if apply:
+            self.parameters.set(process_of(self.bus, camera), "pose", level.setting, save=save)
+            await_level(self.bus, level, timeout)
+        return level
 
     def select(self, patch: Cloud | PointCloud2, camera: str = "kinect", *, timeout: float = 5.0) -> Plane:
         """The plane of a patch of a camera's cloud, found by the planes service.

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from zsight import object_catalogue, scene_file
-from zsight.convert import stamped
+from zsight.convert import matrix_of, stamped
 from zsight.errors import UsageError
 from zsight_core import cloud_file, depth_camera, rgbd, transform
 from zsight_core.errors import CoreError, FileError
@@ -21,7 +24,6 @@ from zsight_protocol.message import Header, Time
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    import numpy as np
     from numpy.typing import NDArray
 
     from zsight_core.cloud_file import LoadedCloud
@@ -29,9 +31,10 @@ if TYPE_CHECKING:
     from zsight_core.pinhole import Pinhole
     from zsight_core.points import Points
 
-__all__ = ["Source", "camera_info", "open_source", "pose_matrix", "viewpoint_matrix"]
+__all__ = ["Source", "camera_info", "open_source", "placed", "pose_matrix", "viewpoint_matrix"]
 
 _CLOUDS = (".pcd", ".ply")
+_AS_KNOWN = ("", "viewpoint")
 _LARGEST_RESIDUAL = 0.5  # pixels; a cloud that fits a pinhole worse was not measured by one
 
 
@@ -75,7 +78,31 @@ def open_source(
         return _files(files, first, frame, _pose(pose, frame, world_frame, first.viewpoint))
     if path.is_dir():
         return _pairs(path, frame, _pose(pose, frame, world_frame))
-    return _scene(name, seed)
+    scene = _scene(name, seed)
+    return replace(scene, transforms=placed(scene, pose, world_frame))
+
+
+def placed(source: Source, pose: str, world_frame: str) -> TransformList | None:
+    """The transforms of a source whose camera stands somewhere else.
+
+    Args:
+        source: as it was opened.
+        pose: "x y z qx qy qz qw" of the clouds' frame in the world; empty or "viewpoint": where the source says.
+        world_frame: name of the world's frame, where the source does not know it.
+
+    Raises:
+        UsageError: the pose is not that.
+    """
+    if pose in _AS_KNOWN:
+        return source.transforms
+    T_world_camera = pose_matrix(pose)
+    if source.transforms is None:
+        return TransformList(transforms=(stamped(T_world_camera, world_frame, source.frame_id, Time.now()),))
+    first, *rest = source.transforms.transforms
+    T_first_camera = functools.reduce(np.matmul, [matrix_of(step.transform) for step in rest], np.eye(4))
+    T_world_first = T_world_camera @ transform.inverse(T_first_camera)
+    moved = stamped(T_world_first, first.header.frame_id, first.child_frame_id, Time.now())
+    return TransformList(transforms=(moved, *rest))
 
 
 def _pose(pose: str, frame: str, world_frame: str, viewpoint: Viewpoint | None = None) -> TransformList | None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -9,7 +11,10 @@ from hypothesis import strategies as st
 
 from zsight_core.errors import GeometryError
 from zsight_core.level import T_BODY_OPTICAL, frame_mistake, level_camera
-from zsight_core.transform import from_rpy, inverse
+from zsight_core.transform import from_quaternion, from_rpy, inverse
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 
 @given(
@@ -26,6 +31,22 @@ def test_a_camera_is_levelled_by_the_plane_it_sees(pitch: float, roll: float, ab
     np.testing.assert_allclose(found[:3, :3] @ found[:3, :3].T, np.eye(3), atol=1e-9)
     assert found[1, 2] == pytest.approx(0, abs=1e-9)  # it looks along x
     assert found[0, 2] > 0
+
+
+@given(st.floats(0.1, 1.4), st.floats(-0.5, 0.5), st.floats(-3.1, 3.1), st.floats(-0.2, 0.2), st.floats(-0.2, 0.2))
+def test_place_and_yaw_stay_what_they_were(pitch: float, roll: float, yaw: float, error: float, lift: float) -> None:
+    T_world_camera = from_rpy((0.4, -0.3, 1.5), (roll, pitch, yaw)) @ T_BODY_OPTICAL
+    x, y = T_world_camera[:2, 2]
+    tilt = from_rpy((0.4, -0.3, 1.5 + lift), (0, 0, 0)) @ _turned_about((-y, x, 0), error)
+    taken_for = tilt @ inverse(from_rpy((0.4, -0.3, 1.5), (0, 0, 0))) @ T_world_camera
+    found = level_camera(T_world_camera[2, :3], -1.5, 0.0, taken_for)
+    np.testing.assert_allclose(found, T_world_camera, atol=1e-9)
+
+
+def _turned_about(axis: tuple[float, float, float], angle: float) -> NDArray[np.float64]:
+    """A rotation (4, 4)."""
+    half = np.array(axis) / np.linalg.norm(axis) * np.sin(angle / 2)
+    return from_quaternion((0, 0, 0), (*half, np.cos(angle / 2)))
 
 
 def test_a_camera_that_looks_straight_down_has_no_forward() -> None:

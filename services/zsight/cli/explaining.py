@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -9,10 +10,11 @@ import typer
 
 from zsight.cli.options import Connect, Json, Namespace, network_of
 from zsight.cli.output import print_json, say
-from zsight.errors import DeadlinePassed, UsageError, ZsightError
+from zsight.errors import UsageError
 
 if TYPE_CHECKING:
-    from zsight_core.points import Points
+    from zsight.levelling import CameraLevel
+
 
 __all__ = ["calibrate", "why"]
 
@@ -51,8 +53,10 @@ def level(
     file: Annotated[
         Path | None, typer.Argument(metavar="[FILE]", help="A cloud from a file; else one off the wire.")
     ] = None,
-    camera: Annotated[str, typer.Option("--camera", help="Whose cloud is taken off the wire.")] = "kinect",
+    camera: Annotated[str, typer.Option("--camera", help="Which running camera.")] = "kinect",
     height: Annotated[float, typer.Option("--height", help="Height of the surface in the world, metres.")] = 0.0,
+    apply: Annotated[bool, typer.Option("--set", help="Let the running camera stand there from now on.")] = False,
+    save: Annotated[bool, typer.Option("--save", help="The same, and after it was started again too.")] = False,
     output: Annotated[
         Path | None, typer.Option("--output", "-o", metavar="FILE", help="Write the pose as a setting (TOML).")
     ] = None,
@@ -61,46 +65,53 @@ def level(
     connect: Connect = None,
     namespace: Namespace = None,
 ) -> None:
-    """A camera's roll, pitch and height from the table or floor it sees; its place and yaw are left at zero."""
-    import numpy as np
-
-    from zsight_core.level import level_camera
-    from zsight_core.scene import understand
-    from zsight_core.transform import quaternion
-
-    scene = understand(_points(file, camera, timeout, connect, namespace))
-    if not scene.supports:
-        raise ZsightError("no level surface is in view: point the camera at a table or the floor")
-    surface = scene.supports[0]
-    T_world_camera = level_camera(surface.normal, surface.distance, height)
-    pose = [*T_world_camera[:3, 3], *quaternion(T_world_camera)]
-    x_forward = T_world_camera[:3, 2]
-    roll = float(np.arctan2(-T_world_camera[2, 0], -T_world_camera[2, 1]))
-    pitch = float(np.arcsin(np.clip(-x_forward[2], -1, 1)))
-    text = " ".join(f"{value:.6f}" for value in pose)
+    """A camera's roll, pitch and height from the table or floor it sees; its place and yaw stay what they were."""
+    if file is not None and (apply or save):
+        raise UsageError("--set and --save mean a running camera; leave the file out")
+    if output is not None and output.exists():
+        raise UsageError(f"{output} exists already; choose another name")
+    found = _level(file, camera, height, timeout, connect, namespace, apply=apply or save, save=save)
     if output is not None:
-        if output.exists():
-            raise UsageError(f"{output} exists already; choose another name")
-        output.write_text(f'[process.camera]\npose = "{text}"\n', encoding="utf-8")
+        output.write_text(f'[process.camera]\npose = "{found.setting}"\n', encoding="utf-8")
     if json:
-        print_json(
-            {"pose": pose, "roll": roll, "pitch": pitch, "height": float(T_world_camera[2, 3]), "rms": surface.rms}
-        )
+        values = {"roll": found.roll, "pitch": found.pitch, "height": found.height, "rms": found.rms}
+        print_json({"pose": found.pose, **values, "area": found.area, "set": apply or save, "saved": save})
         return
-    say(f"roll {np.degrees(roll):.2f}, pitch {np.degrees(pitch):.2f} degrees down, {T_world_camera[2, 3]:.4f} m high")
-    say(f'pose "{text}"')
+    say(
+        f"roll {math.degrees(found.roll):.2f}, pitch {math.degrees(found.pitch):.2f} degrees down, {found.height:.4f} m high"
+    )
+    say(f"by a surface of {found.area:.2f} m2, {found.rms * 1e3:.2f} mm rms about its plane")
+    say(f'pose "{found.setting}"')
+    say(_what_next(file, camera, apply=apply, save=save))
 
 
-def _points(file: Path | None, camera: str, timeout: float, connect: str | None, namespace: str | None) -> Points:
+def _what_next(file: Path | None, camera: str, *, apply: bool, save: bool) -> str:
+    if save:
+        return f"camera {camera} stands there now, and after it was started again"
+    if apply:
+        return f"camera {camera} stands there until it is started again; to keep it: --save, or pose in the cell's file"
+    return "to use it: pose in the cell's file" + ("" if file is not None else ", or --set for the running camera")
+
+
+def _level(
+    file: Path | None,
+    camera: str,
+    height: float,
+    timeout: float,
+    connect: str | None,
+    namespace: str | None,
+    *,
+    apply: bool,
+    save: bool,
+) -> CameraLevel:
     from zsight import cloud_input
+    from zsight.cli.running import require_warm
+    from zsight.client import CellClient
+    from zsight.levelling import level_of
     from zsight.runtime import join
-    from zsight.snapshots import take_snapshot
 
+    require_warm()
     if file is not None:
-        return cloud_input.read(file).points
-    with join(network_of(connect, namespace)) as bus:
-        key = bus.cell.points(camera)
-        taken = take_snapshot(bus, key, timeout)
-    if taken is None:
-        raise DeadlinePassed(f"no cloud on {key} within {timeout:g} s: is the camera running? See: zsight topic list")
-    return taken.points
+        return level_of(cloud_input.read(file).points, height)
+    with CellClient(join(network_of(connect, namespace))) as cell:
+        return cell.level_camera(camera, surface_height=height, timeout=timeout, apply=apply, save=save)
