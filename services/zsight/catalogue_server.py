@@ -4,41 +4,92 @@ from __future__ import annotations
 
 import logging
 import tempfile
+import threading
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import yaml
+import numpy as np
 
-from zsight.errors import UsageError
-from zsight.object_catalogue import Catalogue
+from zsight.convert import pose_of
+from zsight.errors import UsageError, ZsightError
+from zsight.object_catalogue import REMOVED, Catalogue, read_type, write_type
+from zsight_core.atomic_file import atomic_file
 from zsight_core.errors import CoreError
+from zsight_core.mesh_file import read as read_mesh
+from zsight_core.model import Surface, size_of
+from zsight_core.simulation.settle import resting_poses
+from zsight_core.symmetry import symmetries_of
 from zsight_protocol.codec import decode, encode
 from zsight_protocol.errors import ProtocolError
-from zsight_protocol.object_type import CatalogAnswer, CatalogRequest
+from zsight_protocol.object_type import CatalogAnswer, CatalogRequest, Derived, StablePose, SymmetryAxis, Teaching
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
     from zsight.bus import Bus, RawRequest
     from zsight.bus.link import Closable
-    from zsight_protocol.object_type import ObjectType
+    from zsight_protocol.geometry import Quaternion
+    from zsight_protocol.object_type import MeshShape, ObjectType
 
 __all__ = ["answer", "serve_catalogue"]
 
 log = logging.getLogger(__name__)
 
+VERSIONS = "versions"
+"""Folder, in that of the types, of what they were before they were changed or removed."""
 
-def serve_catalogue(bus: Bus, catalogue: Catalogue, folder: Path | None) -> Closable:
-    """Serve the catalogue; changes are kept in the folder, or until the process ends where there is none."""
+
+def serve_catalogue(
+    bus: Bus,
+    catalogue: Catalogue,
+    folder: Path | None,
+    teach: Callable[[str, Teaching], CatalogAnswer] | None = None,
+) -> Closable:
+    """Serve the catalogue; changes are kept in the folder, or until the process ends where there is none.
+
+    Args:
+        bus: of the process.
+        catalogue: what is served.
+        folder: of the types that were added.
+        teach: measures a thing for a type of this name; takes a second, and so is called on a thread of its own.
+    """
 
     def asked(request: RawRequest) -> None:
         try:
-            reply = answer(decode(CatalogRequest, request.payload), catalogue, folder)
-        except (ProtocolError, UsageError, CoreError, OSError) as error:
-            log.warning("refused a catalogue request: %s", error)
-            reply = CatalogAnswer(ok=False, message=str(error))
-        request.reply(encode(reply))
-        request.close()
+            wanted = decode(CatalogRequest, request.payload)
+        except ProtocolError as error:
+            _reply(request, CatalogAnswer(ok=False, message=str(error)))
+            return
+        if wanted.action == "teach":
+            threading.Thread(target=_reply_safely, args=(request, lambda: _taught(wanted, teach)), daemon=True).start()
+        else:
+            _reply_safely(request, lambda: answer(wanted, catalogue, folder))
 
     return bus.serve(bus.cell.catalog("*"), asked)
+
+
+def _reply_safely(request: RawRequest, work: Callable[[], CatalogAnswer]) -> None:
+    """Reply with what the work comes to, or why it does not."""
+    try:
+        reply = work()
+    except (ZsightError, CoreError, OSError) as error:
+        reply = CatalogAnswer(ok=False, message=str(error))
+    _reply(request, reply)
+
+
+def _reply(request: RawRequest, reply: CatalogAnswer) -> None:
+    if not reply.ok:
+        log.warning("refused a catalogue request: %s", reply.message)
+    request.reply(encode(reply))
+    request.close()
+
+
+def _taught(wanted: CatalogRequest, teach: Callable[[str, Teaching], CatalogAnswer] | None) -> CatalogAnswer:
+    if teach is None:
+        raise UsageError("no camera is read here: nothing can be taught")
+    return teach(wanted.name or "", wanted.teaching or Teaching())
 
 
 def answer(request: CatalogRequest, catalogue: Catalogue, folder: Path | None) -> CatalogAnswer:
@@ -46,41 +97,120 @@ def answer(request: CatalogRequest, catalogue: Catalogue, folder: Path | None) -
 
     Raises:
         UsageError: the type is unknown, or none was given.
-        CoreError: its mesh cannot be read.
+        CoreError: its mesh cannot be read, or the folder cannot be written.
     """
     if request.action == "list":
         types = catalogue.types
         return CatalogAnswer(ok=True, types=tuple(types[name] for name in sorted(types)))
     if request.action == "put":
-        return _put(request.type, catalogue, folder)
+        return _put(request, catalogue, folder)
     kind = catalogue.resolve(request.name or "")
     if request.action == "delete":
-        catalogue.remove(kind.name)
-        if folder is not None:
-            (folder / f"{kind.name}.yaml").unlink(missing_ok=True)
-        return CatalogAnswer(ok=True, message=f"removed {kind.name}")
-    return CatalogAnswer(ok=True, types=(kind,))
+        return _delete(kind, catalogue, folder)
+    if request.version not in (None, kind.version):
+        return CatalogAnswer(ok=True, types=(_former(kind, request.version or 0, folder),))
+    return CatalogAnswer(ok=True, types=(kind,), derived=_derived(kind, catalogue))
 
 
-def _put(kind: ObjectType | None, catalogue: Catalogue, folder: Path | None) -> CatalogAnswer:
+def _put(request: CatalogRequest, catalogue: Catalogue, folder: Path | None) -> CatalogAnswer:
+    kind = request.type
     if kind is None:
         raise UsageError("no type was given with put; expected one")
-    if kind.shape.mesh is not None and (folder is None or not (folder / kind.shape.mesh.file).is_file()):
-        raise UsageError(f"mesh {kind.shape.mesh.file} is not in the finder's catalogue folder: copy it there first")
+    for other in catalogue.types.values():
+        if kind.code is not None and other.code == kind.code and other.name != kind.name:
+            raise UsageError(f"number {kind.code} is that of {other.name}: choose another one")
+    known = catalogue.types.get(kind.name)
+    kind = kind.model_copy(update={"version": 1 + _last_version(kind.name, known, folder)})
+    if kind.shape.mesh is not None:
+        others = {other.shape.mesh.file for other in catalogue.types.values() if other.shape.mesh and other != known}
+        _keep_mesh(kind.shape.mesh, request.mesh, folder, others)
     trial = Catalogue()
     trial.add(kind, folder or Path())
     trial.model(kind.name)  # a mesh that cannot be read is not taken in
-    known = kind.name in catalogue.types
-    catalogue.add(kind, folder or Path())
     if folder is not None:
-        _keep(kind, folder)
+        _archive(kind.name, folder)
+        write_type(kind, folder / f"{kind.name}.yaml", overwrite=True)
+        (folder / f"{kind.name}{REMOVED}").unlink(missing_ok=True)
+    catalogue.add(kind, folder or Path())
     kept = f"in {folder.name}" if folder is not None else "until the finder stops (it has no catalogue folder)"
-    return CatalogAnswer(ok=True, message=f"{'changed' if known else 'added'} {kind.name}, kept {kept}", types=(kind,))
+    done = "changed" if known is not None else "added"
+    return CatalogAnswer(ok=True, message=f"{done} {kind.name}, version {kind.version}, kept {kept}", types=(kind,))
 
 
-def _keep(kind: ObjectType, folder: Path) -> None:
-    """Write a type's file whole or not at all."""
-    text = yaml.safe_dump(kind.model_dump(mode="json", exclude_defaults=True), sort_keys=False, allow_unicode=True)
-    with tempfile.NamedTemporaryFile("w", dir=folder, suffix=".part", delete=False, encoding="utf-8") as beside:
-        beside.write(text)
-    Path(beside.name).replace(folder / f"{kind.name}.yaml")
+def _delete(kind: ObjectType, catalogue: Catalogue, folder: Path | None) -> CatalogAnswer:
+    if folder is not None:
+        with atomic_file(folder / f"{kind.name}{REMOVED}", overwrite=True):
+            pass
+        _archive(kind.name, folder)
+        (folder / f"{kind.name}.yaml").unlink(missing_ok=True)
+    catalogue.remove(kind.name)
+    return CatalogAnswer(ok=True, message=f"removed {kind.name}")
+
+
+def _keep_mesh(shape: MeshShape, mesh: bytes, folder: Path | None, others: set[str]) -> None:
+    """Write a mesh that came along and can be read; a file that is another type's mesh is left alone."""
+    if folder is None:
+        raise UsageError(
+            "a type with a mesh needs a finder with a catalogue folder to keep it in: start it with --catalogue FOLDER"
+        )
+    place = folder / shape.file
+    if not mesh:
+        if not place.is_file():
+            raise UsageError(f"mesh {shape.file} is not in the finder's catalogue folder, and none came along")
+        return
+    if place.is_file() and place.read_bytes() != mesh and shape.file in others:
+        raise UsageError(f"another type's mesh is called {shape.file}: rename this one")
+    with tempfile.TemporaryDirectory() as aside:
+        trial = Path(aside) / shape.file
+        trial.write_bytes(mesh)
+        read_mesh(trial, shape.scale)
+    with atomic_file(place, overwrite=True) as file:
+        file.write(mesh)
+
+
+def _versions(name: str, folder: Path) -> dict[int, Path]:
+    """Former versions of a type that are kept."""
+    return {int(path.suffixes[-2][1:]): path for path in (folder / VERSIONS).glob(f"{name}.[0-9]*.yaml")}
+
+
+def _last_version(name: str, known: ObjectType | None, folder: Path | None) -> int:
+    """The greatest version that there has been, or 0."""
+    former = _versions(name, folder) if folder is not None else {}
+    return max([known.version if known is not None else 0, *former])
+
+
+def _archive(name: str, folder: Path) -> None:
+    """Keep the file of a type as a former version."""
+    path = folder / f"{name}.yaml"
+    if path.is_file():
+        former = read_type(path)
+        (folder / VERSIONS).mkdir(exist_ok=True)
+        write_type(former, folder / VERSIONS / f"{name}.{former.version}.yaml", overwrite=True)
+
+
+def _former(kind: ObjectType, version: int, folder: Path | None) -> ObjectType:
+    known = _versions(kind.name, folder) if folder is not None else {}
+    if version not in known:
+        told = ", ".join(str(number) for number in sorted([*known, kind.version]))
+        raise UsageError(f"{kind.name} has no version {version} here; there is {told}")
+    return read_type(known[version])
+
+
+def _derived(kind: ObjectType, catalogue: Catalogue) -> Derived:
+    """What follows from the shape of a type."""
+    shape = catalogue.model(kind.name).shape
+    length, width, height = size_of(shape)
+    return Derived(
+        size=(length, width, height),
+        symmetries=tuple(SymmetryAxis(axis=turn.axis, order=turn.order) for turn in symmetries_of(shape)),
+        stable_poses=tuple(
+            StablePose(orientation=_upright(pose.R), height=pose.below, share=min(pose.share, 1.0))
+            for pose in ([] if isinstance(shape, Surface) else resting_poses(shape))
+        ),
+    )
+
+
+def _upright(R: NDArray[np.float64]) -> Quaternion:
+    T = np.eye(4)
+    T[:3, :3] = R
+    return pose_of(T).orientation

@@ -15,6 +15,7 @@ from zsight.action_client import cancel as cancel_goal
 from zsight.beats import ask_health
 from zsight.bus import Bus
 from zsight.bus.zenoh_link import open_link
+from zsight.catalogue_client import Catalog
 from zsight.convert import cloud_from_points, points_of
 from zsight.errors import (
     DeadlinePassed,
@@ -38,16 +39,14 @@ from zsight_protocol.errors import DecodeError
 from zsight_protocol.find_object import Capture, FindObjectGoal, FindObjectResult, ResultCode
 from zsight_protocol.geometry import Plane, Region
 from zsight_protocol.message import Time
-from zsight_protocol.object_type import CatalogAnswer, CatalogRequest
 from zsight_protocol.point_cloud import PointCloud2
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Iterator
 
     from zsight_protocol.action import CancelResponse
-    from zsight_protocol.object_type import ObjectType
 
-__all__ = ["Catalog", "CellClient", "Cloud", "FindOptions", "answer_of", "connect"]
+__all__ = ["CellClient", "Cloud", "FindOptions", "answer_of", "connect"]
 
 ALL = "*"
 
@@ -317,55 +316,6 @@ class CellClient:
         if received is None:
             raise DeadlinePassed(f"no plane within {timeout:g} s: see the log of the planes service")
         return received.message
-
-
-class Catalog:
-    """The object types that the finders of a cell know."""
-
-    def __init__(self, bus: Bus) -> None:
-        """Args: bus of the cell."""
-        self._bus = bus
-
-    def list(self) -> list[ObjectType]:
-        """All types that any finder knows, by name."""
-        known = {kind.name: kind for answer in self._ask(CatalogRequest(action="list"), ALL) for kind in answer.types}
-        return [known[name] for name in sorted(known)]
-
-    def get(self, name: str) -> ObjectType:
-        """One type by name or number.
-
-        Raises:
-            RequestRefused: it is not known.
-        """
-        return self._ask(_about("get", name), name)[0].types[0]
-
-    def add(self, kind: ObjectType) -> str:
-        """Add a type to every finder, or change the one of its name; what they say."""
-        return _words(self._ask(CatalogRequest(action="put", type=kind), kind.name))
-
-    def remove(self, name: str) -> str:
-        """Remove a type from every finder that knows it; what they say."""
-        return _words([answer for answer in self._ask(_about("delete", name), name) if answer.ok])
-
-    def _ask(self, request: CatalogRequest, name: str) -> Sequence[CatalogAnswer]:
-        """The finders' answers, those that agree first; an error where all of them refuse."""
-        answers = ask_question(self._bus, self._bus.cell.catalog(name), request, CatalogAnswer, everyone=True)
-        if not any(answer.ok for answer in answers):
-            raise RequestRefused(_words(answers))
-        return sorted(answers, key=lambda answer: not answer.ok)
-
-
-def _words(answers: Sequence[CatalogAnswer]) -> str:
-    """What several finders say, each thing once."""
-    return "; ".join(dict.fromkeys(answer.message for answer in answers))
-
-
-def _about(action: str, name: str) -> CatalogRequest:
-    try:
-        return CatalogRequest(action=action, name=name)
-    except ValidationError:
-        expected = "expected lower-case letters, digits and '_', such as toy_block, or a number of the book"
-        raise UsageError(f"no type can be called {name!r}; {expected}") from None
 
 
 def answer_of(update: Update[FindObjectResult]) -> FindObjectResult:

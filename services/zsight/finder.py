@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from pydantic import Field, JsonValue
 
-from zsight import finding, object_catalogue
+from zsight import finding, object_catalogue, teaching
 from zsight.action_server import ActionServer, Policy
 from zsight.catalogue_server import serve_catalogue
 from zsight.convert import points_of
@@ -28,6 +28,7 @@ from zsight_core.errors import CoreError
 from zsight_protocol.find_object import Capture, FindObjectGoal, FindObjectResult, ResultCode, Status
 from zsight_protocol.geometry import TransformList
 from zsight_protocol.message import Header, Time
+from zsight_protocol.object_type import CatalogAnswer, Teaching
 from zsight_protocol.point_cloud import PointCloud2
 from zsight_protocol.scene import Scene
 
@@ -59,7 +60,7 @@ class Settings(ServiceSettings):
     oldest: Live[float] = Field(
         2.0, gt=0, le=3600, description="greatest age of a cloud that is searched, seconds (above 0, up to 3600)"
     )
-    scene_rate: float = Field(
+    scene_rate: Live[float] = Field(
         2.0,
         ge=0,
         le=100,
@@ -71,11 +72,12 @@ def run(bus: Bus, settings: Settings) -> None:
     """Answer goals until told to stop."""
     own_folder = Path(settings.catalogue) if settings.catalogue else None
     catalogue = object_catalogue.load(object_catalogue.shipped_folder(), *([own_folder] if own_folder else []))
-    catalogue_server = serve_catalogue(bus, catalogue, own_folder)  # types can be told of before kernels are there
+    work = FindObject(bus, settings, catalogue)
+    # Types can be told of before kernels are there.
+    catalogue_server = serve_catalogue(bus, catalogue, own_folder, work.teach)
     find_core.warm_up()
     scene_core.warm_up()
     catalogue.models()
-    work = FindObject(bus, settings, catalogue)
     work.start_reading()
     server = ActionServer(bus, settings.name, FindObjectGoal, work, Policy(settings.parallel, settings.queue))
     bus.ready()
@@ -104,8 +106,7 @@ class FindObject:
     def start_reading(self) -> None:
         """Keep the newest cloud and all transforms, and publish scenes, on threads that end with the bus."""
         threading.Thread(target=self._read_clouds, args=(self._clouds,), name="clouds", daemon=True).start()
-        if self._settings.scene_rate > 0:
-            threading.Thread(target=self._publish_scenes, name="scenes", daemon=True).start()
+        threading.Thread(target=self._publish_scenes, name="scenes", daemon=True).start()
         for reader, static in ((self._static, True), (self._moving, False)):
             threading.Thread(
                 target=self._read_transforms, args=(reader, static), name="transforms", daemon=True
@@ -127,9 +128,10 @@ class FindObject:
     def _publish_scenes(self) -> None:
         """Understand the newest cloud at the rate of the settings while somebody reads the scenes."""
         last, said = None, ""
-        while not self._stopping.wait(1 / self._settings.scene_rate):
+        while not self._stopping.wait(1 / (self._settings.scene_rate or 1.0)):
             newest = self._newest
-            if newest is None or newest[0] is last or not self._scenes.is_read():
+            wanted = self._settings.scene_rate > 0 and self._scenes.is_read()
+            if newest is None or newest[0] is last or not wanted:
                 continue
             last = newest[0]
             wrong = self._scene_trouble(last)
@@ -144,6 +146,32 @@ class FindObject:
         except (ZsightError, CoreError) as error:
             return str(error)
         return ""
+
+    def teach(self, name: str, asked: Teaching) -> CatalogAnswer:
+        """Measure a thing in the newest cloud for a type of this name.
+
+        Raises:
+            UsageError: no cloud, another camera, no thing or several, no shape that fits.
+        """
+        if asked.camera not in ("", self._settings.camera):
+            raise UsageError(f"this finder reads camera {self._settings.camera}, not {asked.camera}")
+        object_catalogue.require_type_name(name)
+        with self._came:
+            came = self._came.wait_for(lambda: self._age() <= self._settings.oldest, self._settings.oldest)
+            newest = self._newest
+        if not came or newest is None:
+            raise UsageError(f"no cloud comes on {self._clouds.counter.key}: is the camera running?")
+        cloud = newest[0]
+        frame = asked.frame_id or self._buffer.root_of(cloud.header.frame_id)
+        T_frame_camera = self._buffer.lookup(frame, cloud.header.frame_id, cloud.header.stamp.ns)
+        scene = self._scenes.of(cloud, T_world_camera=self._gravity(cloud))
+        header = Header(stamp=cloud.header.stamp, frame_id=frame)
+        kind, taught = teaching.teach(name, asked, points_of(cloud), scene, header, T_frame_camera)
+        return CatalogAnswer(ok=True, types=(kind,), taught=taught)
+
+    def _age(self) -> float:
+        """Seconds since the newest cloud came; endless where none did."""
+        return float("inf") if self._newest is None else time.monotonic() - self._newest[1]
 
     # The action.
 

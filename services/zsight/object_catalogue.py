@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import difflib
-from dataclasses import dataclass, field
+import logging
+import re
+import threading
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,13 +14,36 @@ import yaml
 from pydantic import ValidationError
 
 from zsight.errors import UsageError
+from zsight_core.atomic_file import atomic_file
+from zsight_core.errors import CoreError
 from zsight_protocol.object_type import ObjectType
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from zsight_core.model import ObjectModel, Shape
     from zsight_protocol.find_object import DetectedObject
 
-__all__ = ["Catalogue", "load", "read_type", "shipped_folder"]
+__all__ = [
+    "REMOVED",
+    "Catalogue",
+    "load",
+    "mesh_beside",
+    "read_type",
+    "require_type_name",
+    "shipped_folder",
+    "write_type",
+]
+
+log = logging.getLogger(__name__)
+
+LARGEST_MESH = 3.0
+"""Metres; a larger one is taken for a mistaken unit."""
+
+REMOVED = ".removed"
+"""A file of this suffix in a folder says that a type of an earlier folder is removed."""
+
+_NAME = re.compile(r"[a-z][a-z0-9_]{0,63}")
 
 
 def shipped_folder() -> Path:
@@ -26,17 +51,20 @@ def shipped_folder() -> Path:
     return Path(str(resources.files("zsight") / "types"))
 
 
-@dataclass
 class Catalogue:
-    """Types by name, and the folder that each one's mesh lies in.
+    """Types by name, and the folder that each one's mesh lies in; may be changed while others read it.
 
     ``types`` is replaced and never changed in place: a goal that goes through it sees one state of it, whatever is
     added or removed meanwhile.
     """
 
-    types: dict[str, ObjectType] = field(default_factory=dict)
-    folders: dict[str, Path] = field(default_factory=dict)
-    _models: dict[str, tuple[ObjectType, ObjectModel]] = field(default_factory=dict)
+    def __init__(self) -> None:
+        """Empty."""
+        self.types: Mapping[str, ObjectType] = {}
+        self._folders: dict[str, Path] = {}
+        self._models: dict[str, ObjectModel] = {}
+        self._broken: set[str] = set()
+        self._lock = threading.RLock()
 
     def resolve(self, wanted: str) -> ObjectType:
         """The type with this name, or with this number of the book.
@@ -58,21 +86,26 @@ class Catalogue:
         """What the recognisers need of a type; a mesh is read the first time.
 
         Raises:
-            UsageError: there is no such type, or its mesh cannot be read.
+            UsageError: there is no such type, or its mesh is of no likely size.
+            CoreError: its mesh cannot be read.
         """
-        return self._model_of(self.resolve(name))
+        with self._lock:
+            if name not in self._models:
+                kind = self.resolve(name)
+                self._models[name] = _model_of(kind, self._folders[kind.name])
+            return self._models[name]
 
     def models(self) -> list[ObjectModel]:
-        """All of them, by name."""
-        types = self.types
-        return [self._model_of(types[name]) for name in sorted(types)]
-
-    def _model_of(self, kind: ObjectType) -> ObjectModel:
-        made_of, model = self._models.get(kind.name, (None, None))
-        if model is None or made_of is not kind:
-            model = _model_of(kind, self.folders[kind.name])
-            self._models[kind.name] = kind, model
-        return model
+        """All that can be used, by name; what is wrong with the others is logged once."""
+        with self._lock:
+            names = [name for name in sorted(self.types) if name not in self._broken]
+            for name in names:
+                try:
+                    self.model(name)
+                except (UsageError, CoreError) as error:
+                    self._broken.add(name)
+                    log.warning("object type %s cannot be found: %s", name, error)
+            return [self._models[name] for name in names if name in self._models]
 
     def outline(self, found: DetectedObject) -> Shape | None:
         """What to draw of an object: its type's shape, or its box where the type is not known; of a surface a flat box.
@@ -90,8 +123,11 @@ class Catalogue:
 
     def add(self, kind: ObjectType, folder: Path) -> None:
         """Take a type in, in place of one of the same name."""
-        self.folders[kind.name] = folder
-        self.types = {**self.types, kind.name: kind}
+        with self._lock:
+            self.types = {**self.types, kind.name: kind}
+            self._folders[kind.name] = folder
+            self._models.pop(kind.name, None)
+            self._broken.discard(kind.name)
 
     def remove(self, name: str) -> None:
         """Forget a type.
@@ -99,8 +135,10 @@ class Catalogue:
         Raises:
             UsageError: there is none of this name.
         """
-        removed = self.resolve(name)
-        self.types = {known: kind for known, kind in self.types.items() if kind is not removed}
+        with self._lock:
+            self.resolve(name)
+            self.types = {other: kind for other, kind in self.types.items() if other != name}
+            self._models.pop(name, None)
 
 
 def load(*folders: Path) -> Catalogue:
@@ -115,6 +153,9 @@ def load(*folders: Path) -> Catalogue:
             raise UsageError(f"catalogue folder {folder} does not exist; expected YAML files of object types in it")
         for path in sorted(folder.glob("*.yaml")):
             catalogue.add(read_type(path), folder)
+        for path in folder.glob(f"*{REMOVED}"):
+            if path.stem in catalogue.types:
+                catalogue.remove(path.stem)
     return catalogue
 
 
@@ -161,10 +202,47 @@ def _child(node: yaml.Node, part: int | str) -> yaml.Node | None:
     return None
 
 
-def _model_of(kind: ObjectType, folder: Path) -> ObjectModel:
-    from zsight_core.model import ObjectModel
+def write_type(kind: ObjectType, path: Path, *, overwrite: bool = False) -> None:
+    """Write a type's file; it appears whole or not at all.
 
-    return ObjectModel(kind.name, shape_of(kind.shape, folder), kind.colour)
+    Raises:
+        FileError: it cannot be written, or is there already and may not be overwritten.
+    """
+    values = kind.model_dump(mode="json", exclude_defaults=True)
+    text = yaml.safe_dump(values, sort_keys=False, allow_unicode=True, default_flow_style=None, width=120)
+    with atomic_file(path, overwrite=overwrite) as file:
+        file.write(text.encode())
+
+
+def mesh_beside(kind: ObjectType, path: Path) -> bytes:
+    """The mesh file that lies beside a type's file; nothing where it has none or it is not there."""
+    if kind.shape.mesh is None:
+        return b""
+    mesh = path.parent / kind.shape.mesh.file
+    return mesh.read_bytes() if mesh.is_file() else b""
+
+
+def require_type_name(name: str) -> None:
+    """That a type can have this name.
+
+    Raises:
+        UsageError: it cannot.
+    """
+    if not _NAME.fullmatch(name):
+        raise UsageError(f"no type can be called {name!r}; expected lower-case letters, digits and '_', a letter first")
+
+
+def _model_of(kind: ObjectType, folder: Path) -> ObjectModel:
+    from zsight_core.model import ObjectModel, size_of
+
+    model = ObjectModel(kind.name, shape_of(kind.shape, folder), kind.colour)
+    largest = max(size_of(model.shape))
+    if kind.shape.mesh is not None and largest > LARGEST_MESH:
+        raise UsageError(
+            f"mesh {kind.shape.mesh.file} is {largest:.4g} m large with scale {kind.shape.mesh.scale:g}; expected at"
+            f" most {LARGEST_MESH:g} m: is its unit millimetres? Then its scale is 0.001"
+        )
+    return model
 
 
 def shape_of(shape: Any, folder: Path) -> Shape:

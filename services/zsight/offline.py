@@ -9,17 +9,19 @@ import numpy as np
 
 from zsight import cloud_input, finding, object_catalogue
 from zsight.errors import DeadlinePassed, UsageError
+from zsight.object_catalogue import require_type_name
 from zsight_core import scene as scene_core
 from zsight_core.errors import Cancelled
-from zsight_protocol.message import Time
+from zsight_protocol.message import Header, Time
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from zsight_protocol.find_object import FindObjectResult
     from zsight_protocol.geometry import Region
+    from zsight_protocol.object_type import ObjectType, Taught, Teaching
 
-__all__ = ["find_in_file"]
+__all__ = ["find_in_file", "teach_from_file"]
 
 
 def find_in_file(
@@ -97,3 +99,31 @@ def find_in_file(
 
         draw_answer(picture, points, result, types, T_frame_camera)
     return result
+
+
+def teach_from_file(
+    path: Path, name: str, asked: Teaching, *, intrinsics: Path | None = None, pose: str = ""
+) -> tuple[ObjectType, Taught]:
+    """The type of a thing in the cloud of a file; see zsight.teaching.teach for the errors besides.
+
+    Args:
+        path: the cloud, see zsight.cloud_input.
+        name: of the new type.
+        asked: which thing; its place is in the world where the pose is given, else in the camera's frame.
+        intrinsics: camera file of an image pair.
+        pose: of the camera in the world, as for find_in_file.
+
+    Raises:
+        UsageError: the pose makes no sense, or no type can have this name.
+        CoreError: the cloud cannot be read.
+    """
+    from zsight.teaching import teach
+
+    require_type_name(name)
+    cloud = cloud_input.read(path, intrinsics)
+    T_world_camera = cloud_input.camera_pose(pose, cloud)
+    scene = scene_core.understand(cloud.points, T_world_camera=T_world_camera)
+    header = Header(
+        stamp=Time.from_ns(path.stat().st_mtime_ns), frame_id="camera" if T_world_camera is None else "world"
+    )
+    return teach(name, asked, cloud.points, scene, header, np.eye(4) if T_world_camera is None else T_world_camera)

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import threading
 from typing import TYPE_CHECKING
 
 import pytest
 
 from zsight import object_catalogue
+from zsight.catalogue_client import Catalog
 from zsight.catalogue_server import serve_catalogue
-from zsight.client import Catalog
 from zsight.errors import NobodyAnswers, RequestRefused, UsageError
 from zsight.object_catalogue import load, read_type, shipped_folder
-from zsight_core.model import Box
+from zsight_core.model import Box, size_of
 from zsight_protocol.errors import ProtocolError
 from zsight_protocol.object_type import BoxShape, MeshShape, ObjectType, ShapeOf
 
@@ -60,7 +61,7 @@ def test_a_name_that_none_can_have_is_refused(catalog: Catalog, name: str) -> No
 
 
 def test_an_added_type_is_known_kept_and_survives(catalog: Catalog, known: Catalogue, tmp_path: Path) -> None:
-    assert catalog.add(CRATE) == f"added crate, kept in {tmp_path.name}"
+    assert catalog.add(CRATE) == f"added crate, version 1, kept in {tmp_path.name}"
     assert catalog.get("77") == CRATE
     assert known.model("crate").shape == Box((0.3, 0.2, 0.1))
     assert read_type(tmp_path / "crate.yaml") == CRATE
@@ -72,7 +73,11 @@ def test_a_changed_type_is_another(catalog: Catalog, tmp_path: Path) -> None:
     catalog.add(CRATE)
     changed = CRATE.model_copy(update={"notes": "Sturdy."})
     assert catalog.add(changed).startswith("changed crate")
-    assert catalog.get("crate") == read_type(tmp_path / "crate.yaml") == changed
+    expected = changed.model_copy(update={"version": 2})
+    assert catalog.get("crate") == read_type(tmp_path / "crate.yaml") == expected
+    assert catalog.get("crate", version=1) == CRATE
+    with pytest.raises(RequestRefused, match="crate has no version 3 here; there is 1, 2"):
+        catalog.get("crate", version=3)
 
 
 def test_a_removed_type_is_gone(catalog: Catalog, tmp_path: Path) -> None:
@@ -80,12 +85,72 @@ def test_a_removed_type_is_gone(catalog: Catalog, tmp_path: Path) -> None:
     assert catalog.remove("crate") == "removed crate"
     with pytest.raises(RequestRefused):
         catalog.get("crate")
-    assert list(tmp_path.iterdir()) == []
+    assert not (tmp_path / "crate.yaml").exists()
+    assert "added crate, version 2" in catalog.add(CRATE)
+
+
+def test_a_shipped_type_that_was_removed_stays_removed(catalog: Catalog, tmp_path: Path) -> None:
+    catalog.remove("cube")
+    assert "cube" not in load(shipped_folder(), tmp_path).types
+    cube = ObjectType(name="cube", shape=CRATE.shape)
+    catalog.add(cube)
+    assert load(shipped_folder(), tmp_path).types["cube"].shape == CRATE.shape
+
+
+def test_a_number_belongs_to_one_type(catalog: Catalog) -> None:
+    with pytest.raises(RequestRefused, match="number 1000 is that of toy_block"):
+        catalog.add(CRATE.model_copy(update={"code": 1000}))
+
+
+def test_what_follows_from_a_shape_is_told(catalog: Catalog) -> None:
+    can, mug, table = (catalog.derived(name) for name in ("coke_can", "mug", "table_surface"))
+    assert can.size == (0.066, 0.066, 0.122)
+    assert [(turn.axis, turn.order) for turn in can.symmetries] == [((1, 0, 0), 2), ((0, 1, 0), 2), ((0, 0, 1), 0)]
+    assert {round(pose.height, 4) for pose in can.stable_poses} == {0.061, 0.033}
+    assert sum(pose.share for pose in can.stable_poses) == pytest.approx(1)
+    assert [turn for turn in mug.symmetries if turn.order == 0] == []
+    assert (table.symmetries, table.stable_poses) == ((), ())
+
+
+def test_a_mesh_comes_along(catalog: Catalog, known: Catalogue, tmp_path: Path) -> None:
+    bracket = (shipped_folder() / "l_bracket.stl").read_bytes()
+    part = ObjectType(name="part", shape=ShapeOf(mesh=MeshShape(file="part.stl")))
+    assert "added part" in catalog.add(part, bracket)
+    assert (tmp_path / "part.stl").read_bytes() == bracket
+    assert size_of(known.model("part").shape) == pytest.approx((0.08, 0.04, 0.06), abs=1e-6)
+    other = ObjectType(name="other", shape=part.shape)
+    with pytest.raises(RequestRefused, match=r"another type's mesh is called part.stl"):
+        catalog.add(other, (shipped_folder() / "mug.stl").read_bytes())
+
+
+def test_types_may_change_while_others_read_them(known: Catalogue, tmp_path: Path) -> None:
+    failures: list[Exception] = []
+    ended = threading.Event()
+
+    def read() -> None:
+        while not ended.is_set():
+            try:
+                assert len(known.models()) >= len(load(shipped_folder()).types) - 1
+                known.resolve("1000")
+            except Exception as error:  # noqa: BLE001  asserted on below
+                failures.append(error)
+                return
+
+    readers = [threading.Thread(target=read) for _ in range(2)]
+    for reader in readers:
+        reader.start()
+    for _ in range(200):
+        known.add(CRATE, tmp_path)
+        known.remove("crate")
+    ended.set()
+    for reader in readers:
+        reader.join()
+    assert failures == []
 
 
 def test_a_mesh_must_be_there(catalog: Catalog, known: Catalogue) -> None:
     part = ObjectType(name="part", shape=ShapeOf(mesh=MeshShape(file="part.stl")))
-    with pytest.raises(RequestRefused, match=r"part.stl is not in the finder's catalogue folder"):
+    with pytest.raises(RequestRefused, match=r"part.stl is not in the finder's catalogue folder, and none came along"):
         catalog.add(part)
     assert "part" not in known.types
 

@@ -6,6 +6,7 @@ import itertools
 import json
 import threading
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -29,7 +30,6 @@ from zsight_protocol.geometry import TransformList
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-    from pathlib import Path
 
     from zsight.network import Network
 
@@ -487,6 +487,32 @@ def test_a_running_cell_through_every_command(
         _catalogue(zsight, tmp_path)
 
 
+def test_a_type_is_taught_from_a_file(zsight: Zsight, book: Path, tmp_path: Path) -> None:
+    out = tmp_path / "bar.yaml"
+    report = zsight("catalog", "teach", "bar", "--cloud", book, "--camera-pose", POSE, "-o", out, "--json").json
+    np.testing.assert_allclose(report["position"], (0.5, -0.35, 0.7922), atol=0.001)
+    assert (report["frame_id"], report["explained"] > 0.9) == ("world", True)
+    found = zsight("find", "bar", "--cloud", book, "--camera-pose", POSE, "--catalogue", tmp_path, "--json").json
+    assert found["objects"][0]["size"] == pytest.approx(report["type"]["shape"]["box"]["size"])
+    assert zsight("catalog", "teach", "bar", "--cloud", book, "-o", out).code == 2  # it is there already
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["bar", "--at", "1 2"], "expected three numbers"),
+        (["bar", "--shape", "cone"], "expected one of box, cylinder"),
+        (["Bar"], "no type can be called 'Bar'"),
+        (["bar", "--at", "5 5 5"], "nothing is at (5.000, 5.000, 5.000)"),
+        (["bar", "--frame", "odom"], "--frame means nothing with --cloud"),
+    ],
+)
+def test_a_lesson_that_makes_no_sense(zsight: Zsight, book: Path, arguments: list[str], words: str) -> None:
+    ended = zsight("catalog", "teach", *arguments, "--cloud", book)
+    assert ended.code == 2
+    assert words in ended.err
+
+
 def _snapshots(zsight: Zsight, points: str) -> None:
     report = zsight("snapshot", "-o", "a.pcd", "--json").json
     assert (report["width"], report["height"], report["frame_id"]) == (640, 480, "kinect_pc_frame")
@@ -520,8 +546,18 @@ def _catalogue(zsight: Zsight, folder: Path) -> None:
     assert zsight("catalog", "add", folder / "in" / "bar.yaml").code == 0
     assert "toy_block" in zsight("catalog", "list").out
     assert zsight("catalog", "show", "4711", "--json").json["name"] == "bar"
-    assert "size:" in zsight("catalog", "show", "bar").out
+    shown = zsight("catalog", "show", "bar")
+    assert "size:" in shown.out
+    assert "the same when turned about" in shown.err
+    assert zsight("catalog", "show", "bar", "--version", "1").code == 0
+    assert zsight("catalog", "show", "bar", "--version", "9").code == 2
     assert zsight("catalog", "remove", "bar").code == 0
     assert zsight("catalog", "show", "bar").code == 2
+    taught = zsight("catalog", "teach", "stick", "--picture", "stick.png", "--json").json
+    assert sorted(taught["type"]["shape"]["box"]["size"]) == pytest.approx([0.035, 0.035, 0.2], abs=0.001)
+    assert Path("stick.png").read_bytes().startswith(b"\x89PNG")
+    assert zsight("catalog", "show", "stick", "--json").json["version"] == 1
+    assert "box:" in zsight("catalog", "teach", "twig", "--at", "0.5 -0.35 0.8", "--dry-run").out
+    assert zsight("catalog", "show", "twig").code == 2
     (folder / "in" / "bar.yaml").write_text("name: bar\n")
     assert "line 1" in zsight("catalog", "add", folder / "in" / "bar.yaml").err

@@ -13,7 +13,8 @@ from tests.services.waiting import DEADLINE, soon
 from zsight import finder
 from zsight.client import CellClient, answer_of
 from zsight.convert import cloud_from_points, matrix_of
-from zsight.errors import DeadlinePassed, GoalCancelled, NobodyAnswers, RequestRefused
+from zsight.errors import DeadlinePassed, GoalCancelled, NobodyAnswers, RequestRefused, UsageError
+from zsight.object_catalogue import read_type
 from zsight.sources import open_source
 from zsight_core import find as find_core
 from zsight_core import scene as scene_core
@@ -209,6 +210,57 @@ def test_a_cloud_without_data_ends_no_scenes(start: Callable[..., Stage], caplog
     stage.points = good
     stamp = stage.show()
     assert taken(scenes).header.stamp == stamp
+
+
+# Taught.
+
+
+def test_a_thing_is_taught_and_then_found(start: Callable[..., Stage], tmp_path: Path) -> None:
+    stage = start(catalogue=str(tmp_path))
+    stamp = stage.show()
+    stage.client.catalog.remove("toy_block")
+    kind, taught = stage.client.catalog.teach("bar", code=4711, notes="Red.")
+    assert kind.shape.box is not None
+    assert sorted(kind.shape.box.size) == pytest.approx([0.035, 0.035, 0.2], abs=0.0005)
+    assert kind.colour is not None
+    assert max(kind.colour) == kind.colour[0]
+    assert (taught.header.stamp, taught.header.frame_id) == (stamp, "base_link")
+    assert matrix_of(taught.pose)[:3, 3] == pytest.approx(T_WORLD_BLOCK[:3, 3], abs=0.0005)
+    assert taught.picture.startswith(b"\x89PNG")
+    assert read_type(tmp_path / "bar.yaml") == kind
+    (found,) = stage.client.find("4711").objects
+    assert found.type == "bar"
+    assert matrix_of(found.pose)[:3, 3] == pytest.approx(T_WORLD_BLOCK[:3, 3], abs=0.0005)
+
+
+def test_what_is_only_measured_is_not_kept(start: Callable[..., Stage]) -> None:
+    stage = start()
+    stage.show()
+    place = (0.5, -0.35, 0.79)
+    assert stage.client.catalog.teach("bar", place=place, shape="box", keep=False)[0].shape.box is not None
+    with pytest.raises(RequestRefused):
+        stage.client.catalog.get("bar")
+
+
+def test_without_a_cloud_nothing_is_taught(start: Callable[..., Stage]) -> None:
+    with pytest.raises(RequestRefused, match="no cloud comes on test/kinect/points"):
+        start(oldest=0.05).client.catalog.teach("bar")
+
+
+def test_what_makes_no_type_is_told(start: Callable[..., Stage]) -> None:
+    stage = start()
+    stage.show()
+    teach = stage.client.catalog.teach
+    with pytest.raises(RequestRefused, match=r"nothing is at \(0.800, 0.000, 0.800\): .* things stand there, at \(0.4"):
+        teach("bar", place=(0.8, 0.0, 0.8))
+    with pytest.raises(RequestRefused, match="no shape explains the thing"):
+        teach("bar", place=(0.5, -0.35, 0.79), shape="sphere")
+    with pytest.raises(RequestRefused, match="this finder reads camera kinect, not other"):
+        teach("bar", camera="other")
+    with pytest.raises(UsageError):
+        teach("Bar")
+    with pytest.raises(UsageError):
+        teach("bar", shape="cone")
 
 
 def taken(scenes: Reader[Scene]) -> Scene:

@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
+import json
+import struct
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
 from zsight.errors import UsageError
-from zsight.object_catalogue import Catalogue, load, read_type, shipped_folder
+from zsight.object_catalogue import Catalogue, load, read_type, shipped_folder, write_type
+from zsight_core import open3d_module
+from zsight_core.errors import FileError
 from zsight_core.model import Box, Mesh, size_of
+from zsight_core.solid import solid_of
 from zsight_protocol.object_type import BoxShape, ObjectType, ShapeOf
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    from numpy.typing import NDArray
 
 GOOD = """\
 name: crate
@@ -141,3 +148,97 @@ def test_a_changed_type_has_its_new_model(tmp_path: Path) -> None:
     assert catalogue.models() == []
     with pytest.raises(UsageError):
         catalogue.remove("crate")
+
+
+def ascii_stl(facets: str) -> bytes:
+    return f"solid part\n{facets}endsolid part\n".encode()
+
+
+FACET = "facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex {x} 0 0\nvertex 0 1 0\nendloop\nendfacet\n"
+BROKEN = {
+    "empty.stl": b"",
+    "words.stl": b"this is no mesh at all, however long it goes on" * 4,
+    "none.stl": ascii_stl(""),
+    "nan.stl": bytes(80) + (1).to_bytes(4, "little") + np.full(12, np.nan, "<f4").tobytes() + b"\0\0",
+    "cut.stl": bytes(80) + (9).to_bytes(4, "little") + bytes(50),
+    "empty.ply": b"",
+    "points.ply": b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n"
+    b"end_header\n0 0 0\n",
+    "empty.obj": b"",
+    "vertices.obj": b"v 0 0 0\nv 1 0 0\nv 0 1 0\n",
+    "empty.glb": b"",
+    "head.glb": b"glTF\2\0\0\0\14\0\0\0",
+}
+
+
+@pytest.mark.parametrize("file", sorted(BROKEN))
+def test_a_broken_mesh_is_told_and_the_other_types_go_on(
+    tmp_path: Path, file: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    (tmp_path / file).write_bytes(BROKEN[file])
+    written(tmp_path, f"name: part\nshape:\n  mesh: {{file: {file}}}\n", "part.yaml")
+    written(tmp_path, GOOD)
+    catalogue = load(tmp_path)
+    for _ in range(2):
+        assert [model.name for model in catalogue.models()] == ["crate"]
+    assert caplog.text.count(f"object type part cannot be found: {tmp_path / file}") == 1
+    with pytest.raises(FileError, match=file):
+        catalogue.model("part")
+
+
+def test_a_mesh_in_millimetres_is_told(tmp_path: Path) -> None:
+    (tmp_path / "big.stl").write_bytes((shipped_folder() / "mug.stl").read_bytes())
+    written(tmp_path, "name: big\nshape:\n  mesh: {file: big.stl, scale: 1000}\n", "big.yaml")
+    with pytest.raises(UsageError, match=r"is its unit millimetres\? Then its scale is 0.001"):
+        load(tmp_path).model("big")
+
+
+def glb(vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> bytes:
+    """A binary glTF file of one mesh."""
+    corners, indices = vertices.astype("<f4"), faces.astype("<u4")
+    document = {
+        "asset": {"version": "2.0"},
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]}],
+        "buffers": [{"byteLength": corners.nbytes + indices.nbytes}],
+        "bufferViews": [
+            {"buffer": 0, "byteOffset": 0, "byteLength": corners.nbytes},
+            {"buffer": 0, "byteOffset": corners.nbytes, "byteLength": indices.nbytes},
+        ],
+        "accessors": [
+            {"bufferView": 0, "componentType": 5126, "count": len(corners), "type": "VEC3",
+             "min": corners.min(axis=0).tolist(), "max": corners.max(axis=0).tolist()},
+            {"bufferView": 1, "componentType": 5125, "count": indices.size, "type": "SCALAR"},
+        ],
+    }  # fmt: skip
+    text = json.dumps(document).encode()
+    text += b" " * (-len(text) % 4)
+    body = corners.tobytes() + indices.tobytes()
+    chunks = [(b"JSON", text), (b"BIN\0", body)]
+    packed = b"".join(struct.pack("<I4s", len(chunk), kind) + chunk for kind, chunk in chunks)
+    return struct.pack("<4sII", b"glTF", 2, 12 + len(packed)) + packed
+
+
+@pytest.mark.parametrize("suffix", ["stl", "ply", "obj", "glb"])
+def test_a_mesh_is_read_in_every_format(tmp_path: Path, suffix: str) -> None:
+    solid, path = solid_of(Box((0.1, 0.2, 0.3))), tmp_path / f"box.{suffix}"
+    if suffix == "glb":
+        path.write_bytes(glb(solid.vertices, solid.faces))
+    else:
+        geometry = open3d_module.load()
+        points = geometry.utility.Vector3dVector(solid.vertices)
+        box = geometry.geometry.TriangleMesh(points, geometry.utility.Vector3iVector(solid.faces))
+        box.compute_vertex_normals()
+        assert geometry.io.write_triangle_mesh(str(path), box)
+    written(tmp_path, f"name: part\nshape:\n  mesh: {{file: box.{suffix}}}\n", "part.yaml")
+    assert size_of(load(tmp_path).model("part").shape) == pytest.approx((0.1, 0.2, 0.3), abs=1e-6)
+
+
+def test_a_type_that_was_written_is_read(tmp_path: Path) -> None:
+    kind = read_type(written(tmp_path, GOOD))
+    write_type(kind, tmp_path / "again.yaml")
+    assert read_type(tmp_path / "again.yaml") == kind
+    with pytest.raises(FileError):
+        write_type(kind, tmp_path / "again.yaml")

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from zsight_core.picture.drawings import Drawing
     from zsight_core.points import Points
 
-__all__ = ["draw", "save_png", "warm_up"]
+__all__ = ["draw", "png_of", "save_png", "warm_up"]
 
 SKY, FLOOR = np.array([38, 44, 54], dtype=np.float64), np.array([16, 19, 24], dtype=np.float64)
 
@@ -64,10 +64,15 @@ def save_png(path: AnyPath, image: NDArray[np.uint8], *, overwrite: bool = True)
     Raises:
         FileError: it cannot be written.
     """
+    with atomic_file(path, overwrite=overwrite) as file:
+        file.write(png_of(image))
+
+
+def png_of(image: NDArray[np.uint8]) -> bytes:
+    """An image (height, width, 3) uint8 as the bytes of a PNG file."""
     encoded = io.BytesIO()
     Image.fromarray(image).save(encoded, format="PNG", compress_level=6)
-    with atomic_file(path, overwrite=overwrite) as file:
-        file.write(encoded.getvalue())
+    return encoded.getvalue()
 
 
 def warm_up() -> None:

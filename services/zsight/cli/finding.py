@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from zsight.cli.options import CameraPose, Connect, Intrinsics, Json, Namespace, Picture, network_of
+from zsight.cli.options import CameraPose, Connect, Intrinsics, Json, Namespace, Picture, network_of, refuse_options
 from zsight.cli.output import numbers, print_json, say
 from zsight.errors import UsageError
 
@@ -58,7 +58,10 @@ def find(
 ) -> None:
     """Find an object; exit code 0 found, 1 not found or cannot tell, 3 nobody answers, 4 too late, 5 cancelled."""
     box = _region(region)
-    _require_sense(context, offline=cloud is not None)
+    if cloud is not None:
+        refuse_options(context, _ONLINE, "means nothing with --cloud")
+    else:
+        refuse_options(context, _OFFLINE, "needs --cloud FILE")
     if cloud is not None:
         from zsight.cli.running import require_warm
         from zsight.offline import find_in_file
@@ -86,15 +89,6 @@ def find(
 
 _ONLINE = ("frame", "new", "finder", "connect", "namespace")
 _OFFLINE = ("camera_pose", "intrinsics", "catalogue")
-
-
-def _require_sense(context: typer.Context, *, offline: bool) -> None:
-    """That no option is given that would be passed over."""
-    for name in _ONLINE if offline else _OFFLINE:
-        source = context.get_parameter_source(name)
-        if source is not None and source.name == "COMMANDLINE":
-            option = f"--{name.replace('_', '-')}"
-            raise UsageError(f"{option} means nothing with --cloud" if offline else f"{option} needs --cloud FILE")
 
 
 def _region(text: str | None) -> Region | None:

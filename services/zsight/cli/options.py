@@ -11,7 +11,19 @@ import typer
 from zsight.errors import UsageError
 from zsight.network import Network, endpoints_of
 
-__all__ = ["CameraPose", "Connect", "Force", "Intrinsics", "Json", "Namespace", "Open", "Out", "Picture", "network_of"]
+__all__ = [
+    "CameraPose",
+    "Connect",
+    "Force",
+    "Intrinsics",
+    "Json",
+    "Namespace",
+    "Open",
+    "Out",
+    "Picture",
+    "network_of",
+    "refuse_options",
+]
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout.")]
 Connect = Annotated[
@@ -54,3 +66,15 @@ def network_of(connect: str | None, namespace: str | None = None) -> Network:
     if connect is not None:
         network = replace(network, connect=endpoints_of(connect))
     return network if namespace is None else replace(network, namespace=namespace)
+
+
+def refuse_options(context: typer.Context, names: tuple[str, ...], why: str) -> None:
+    """That none of these options is given, which would be passed over.
+
+    Raises:
+        UsageError: one is.
+    """
+    for name in names:
+        source = context.get_parameter_source(name)
+        if source is not None and source.name == "COMMANDLINE":
+            raise UsageError(f"--{name.replace('_', '-')} {why}")

@@ -1,0 +1,101 @@
+"""Which turns leave a shape as it is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from zsight_core.model import Box, Cylinder, Mesh, Shape, Sphere, Surface, size_of
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+__all__ = ["Symmetry", "symmetries_of"]
+
+ORDERS = (2, 3, 4, 5, 6, 8)
+"""How many turns to a full one are tried on meshes."""
+
+ALL_AROUND = 36
+"""A mesh that this many turns leave as it is counts as round."""
+
+SAME = 0.01
+"""Share of its largest edge within which a turned mesh lies on itself; and at least a millimetre."""
+
+_SAMPLES = 1000
+_AXES = np.eye(3)
+
+
+@dataclass(frozen=True)
+class Symmetry:
+    """Turns about an axis through the model's origin by a full turn over ``order``; 0: by any angle."""
+
+    axis: tuple[float, float, float]
+    order: int
+
+
+def symmetries_of(shape: Shape) -> tuple[Symmetry, ...]:
+    """Turns about the model's axes that leave a shape as it is, one an axis; empty where there is none.
+
+    Of a mesh points of its surface are turned, and compared with where the surface is.
+    """
+    match shape:
+        case Box(size):
+            return tuple(_about(k, 4 if _equal(size[k - 2], size[k - 1]) else 2) for k in range(3))
+        case Cylinder():
+            return (_about(0, 2), _about(1, 2), _about(2, 0))
+        case Sphere():
+            return tuple(_about(k, 0) for k in range(3))
+        case Mesh():
+            return _of_mesh(shape)
+        case Surface():
+            return ()
+
+
+def _about(axis: int, order: int) -> Symmetry:
+    x, y, z = _AXES[axis]
+    return Symmetry((float(x), float(y), float(z)), order)
+
+
+def _equal(a: float, b: float) -> bool:
+    return abs(a - b) < 1e-6
+
+
+def _of_mesh(mesh: Mesh) -> tuple[Symmetry, ...]:
+    from scipy.spatial import cKDTree
+
+    surface = _samples(mesh, 20 * _SAMPLES)
+    some, tree = surface[::20], cKDTree(surface)
+    nearest, _ = tree.query(some, k=[2])  # the first is the point itself
+    near = max(SAME * max(size_of(mesh)), 0.001) + float(np.max(nearest))
+    found = []
+    for axis in range(3):
+        turned = {order: some @ _turn(axis, order).T for order in (*ORDERS, ALL_AROUND)}
+        gaps = {order: tree.query(points, distance_upper_bound=near)[0] for order, points in turned.items()}
+        fits = [order for order, distances in gaps.items() if np.isfinite(distances).all()]
+        if ALL_AROUND in fits:
+            found.append(_about(axis, 0))
+        elif fits:
+            found.append(_about(axis, max(fits)))
+    return tuple(found)
+
+
+def _turn(axis: int, order: int) -> NDArray[np.float64]:
+    """R (3, 3) about an axis by a full turn over order."""
+    c, s = np.cos(2 * np.pi / order), np.sin(2 * np.pi / order)
+    j, k = (axis + 1) % 3, (axis + 2) % 3
+    R = np.eye(3)
+    R[j, j], R[j, k], R[k, j], R[k, k] = c, -s, s, c
+    return R
+
+
+def _samples(mesh: Mesh, count: int) -> NDArray[np.float64]:
+    """Points (count, 3) spread evenly over the surface; the same each time."""
+    a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
+    areas = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    generator = np.random.default_rng(0)
+    face = generator.choice(len(areas), count, p=areas / areas.sum())
+    u, v = np.sort(generator.random((2, count, 1)), axis=0)
+    points: NDArray[np.float64] = u * a[face] + (v - u) * b[face] + (1 - v) * c[face]
+    return points
