@@ -62,8 +62,8 @@ class Catalogue:
         """Empty."""
         self.types: Mapping[str, ObjectType] = {}
         self._folders: dict[str, Path] = {}
-        self._models: dict[str, ObjectModel] = {}
-        self._broken: set[str] = set()
+        self._models: dict[str, tuple[ObjectType, ObjectModel]] = {}
+        self._broken: dict[str, ObjectType] = {}
         self._lock = threading.RLock()
 
     def resolve(self, wanted: str) -> ObjectType:
@@ -89,23 +89,32 @@ class Catalogue:
             UsageError: there is no such type, or its mesh is of no likely size.
             CoreError: its mesh cannot be read.
         """
-        with self._lock:
-            if name not in self._models:
-                kind = self.resolve(name)
-                self._models[name] = _model_of(kind, self._folders[kind.name])
-            return self._models[name]
+        return self._made(self.resolve(name))
 
     def models(self) -> list[ObjectModel]:
         """All that can be used, by name; what is wrong with the others is logged once."""
+        types = self.types
+        made = [self._made_or_told(types[name]) for name in sorted(types)]
+        return [model for model in made if model is not None]
+
+    def _made(self, kind: ObjectType) -> ObjectModel:
         with self._lock:
-            names = [name for name in sorted(self.types) if name not in self._broken]
-            for name in names:
-                try:
-                    self.model(name)
-                except (UsageError, CoreError) as error:
-                    self._broken.add(name)
-                    log.warning("object type %s cannot be found: %s", name, error)
-            return [self._models[name] for name in names if name in self._models]
+            made_of, model = self._models.get(kind.name, (None, None))
+            if model is None or made_of is not kind:
+                model = _model_of(kind, self._folders[kind.name])
+                self._models[kind.name] = kind, model
+            return model
+
+    def _made_or_told(self, kind: ObjectType) -> ObjectModel | None:
+        """The model of a type; of one that has none the log says why, the first time."""
+        if self._broken.get(kind.name) is kind:
+            return None
+        try:
+            return self._made(kind)
+        except (UsageError, CoreError) as error:
+            self._broken[kind.name] = kind
+            log.warning("object type %s cannot be found: %s", kind.name, error)
+            return None
 
     def outline(self, found: DetectedObject) -> Shape | None:
         """What to draw of an object: its type's shape, or its box where the type is not known; of a surface a flat box.
@@ -126,8 +135,6 @@ class Catalogue:
         with self._lock:
             self.types = {**self.types, kind.name: kind}
             self._folders[kind.name] = folder
-            self._models.pop(kind.name, None)
-            self._broken.discard(kind.name)
 
     def remove(self, name: str) -> None:
         """Forget a type.
@@ -136,9 +143,8 @@ class Catalogue:
             UsageError: there is none of this name.
         """
         with self._lock:
-            self.resolve(name)
-            self.types = {other: kind for other, kind in self.types.items() if other != name}
-            self._models.pop(name, None)
+            removed = self.resolve(name)
+            self.types = {other: kind for other, kind in self.types.items() if kind is not removed}
 
 
 def load(*folders: Path) -> Catalogue:

@@ -216,7 +216,7 @@ def test_a_cloud_without_data_ends_no_scenes(start: Callable[..., Stage], caplog
 
 
 def test_a_thing_is_taught_and_then_found(start: Callable[..., Stage], tmp_path: Path) -> None:
-    stage = start(catalogue=str(tmp_path))
+    stage = start(catalogue=str(tmp_path), oldest=100)
     stamp = stage.show()
     stage.client.catalog.remove("toy_block")
     kind, taught = stage.client.catalog.teach("bar", code=4711, notes="Red.")
