@@ -356,7 +356,7 @@ def test_without_a_router_the_exit_code_is_3(
     monkeypatch.setenv("ZSIGHT_CONNECT", "tcp/127.0.0.1:9")
     ended = zsight(*command)
     assert (ended.code, ended.out) == (3, "")
-    assert "cannot reach a router at tcp/127.0.0.1:9" in ended.err
+    assert "cannot reach a router: tcp/127.0.0.1:9" in ended.err
     assert "zsight up" in ended.err
 
 
