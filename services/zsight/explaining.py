@@ -22,6 +22,9 @@ def explain(update: Update[FindObjectResult]) -> str:
         lines.append(f"  {result.message}")
     if "points" in report:
         lines.append(f"  {_looked_at(result, report)}")
+    if report.get("transforms"):
+        lines.append(f"  {_led_through(report['transforms'])}")
+    lines += [f"  {warning}" for warning in report.get("warnings", [])]
     if not result.objects:
         rejected = sorted(report.get("rejected", []), key=lambda candidate: -candidate["probability"])
         lines += [f"  {_candidate(candidate)}" for candidate in rejected[:2]]
@@ -37,6 +40,11 @@ def _looked_at(result: FindObjectResult, report: dict[str, Any]) -> str:
         f"{report.get('supports', 0)} support surfaces, {report.get('segments', 0)} segments, "
         f"{report.get('hypotheses', 0)} hypotheses, {report.get('refined', 0)} of them refined"
     )
+
+
+def _led_through(links: list[dict[str, Any]]) -> str:
+    steps = (f"{link['child']} in {link['parent']}{'' if link['static'] else ' (moving)'}" for link in links)
+    return f"transforms: {', '.join(steps)}"
 
 
 def _candidate(candidate: dict[str, Any]) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import difflib
 import logging
 import threading
@@ -15,8 +16,9 @@ from pydantic import Field, JsonValue
 from zsight import finding, object_catalogue, teaching
 from zsight.action_server import ActionServer, Policy
 from zsight.catalogue_server import serve_catalogue
+from zsight.clocks import ask_clocks
 from zsight.convert import points_of
-from zsight.errors import UsageError, ZsightError
+from zsight.errors import ConnectionLost, UsageError, ZsightError
 from zsight.scenes import Scenes
 from zsight.settings import Live
 from zsight.settings import Settings as ServiceSettings
@@ -25,6 +27,8 @@ from zsight_core import find as find_core
 from zsight_core import level
 from zsight_core import scene as scene_core
 from zsight_core.errors import CoreError
+from zsight_core.points import xyz
+from zsight_core.transform import transform_xyz
 from zsight_protocol.find_object import Capture, FindObjectGoal, FindObjectResult, ResultCode, Status
 from zsight_protocol.geometry import TransformList
 from zsight_protocol.message import Header, Time
@@ -39,6 +43,7 @@ if TYPE_CHECKING:
     from zsight.action_server import GoalHandle
     from zsight.bus import Bus, Reader
     from zsight.object_catalogue import Catalogue
+    from zsight_protocol.geometry import Region
 
 __all__ = ["FindObject", "Settings", "run"]
 
@@ -46,6 +51,7 @@ log = logging.getLogger(__name__)
 
 _STAGES = 512  # clouds whose way is remembered; no goal works on an older one
 _WAIT_STEP = 0.02  # seconds between two looks at the goal's deadline while it waits for a cloud
+_CLOCKS_EVERY = 10.0  # seconds between two looks at the clocks of all hosts
 _TRANSFORM_PATIENCE = 0.3  # seconds that a cloud waits for the transforms of its time
 
 
@@ -96,6 +102,8 @@ class FindObject:
         self._stopping = bus.stopping
         self._buffer = TransformBuffer()
         self._clouds = bus.reader(bus.cell.points(settings.camera), PointCloud2)
+        self._bus = bus
+        self._warnings: list[str] = []
         self._static = bus.reader(bus.cell.tf_static, TransformList)
         self._moving = bus.reader(bus.cell.tf, TransformList)
         self._newest: tuple[PointCloud2, float] | None = None
@@ -107,6 +115,7 @@ class FindObject:
         """Keep the newest cloud and all transforms, and publish scenes, on threads that end with the bus."""
         threading.Thread(target=self._read_clouds, args=(self._clouds,), name="clouds", daemon=True).start()
         threading.Thread(target=self._publish_scenes, name="scenes", daemon=True).start()
+        threading.Thread(target=self._watch_clocks, name="clocks", daemon=True).start()
         for reader, static in ((self._static, True), (self._moving, False)):
             threading.Thread(
                 target=self._read_transforms, args=(reader, static), name="transforms", daemon=True
@@ -173,6 +182,18 @@ class FindObject:
         """Seconds since the newest cloud came; endless where none did."""
         return float("inf") if self._newest is None else time.monotonic() - self._newest[1]
 
+    def _watch_clocks(self) -> None:
+        """Warn of hosts whose clocks are off; in the log once, and in every answer."""
+        told: set[str] = set()
+        while not self._stopping.wait(_CLOCKS_EVERY):
+            with contextlib.suppress(ConnectionLost):
+                wrong = [clock for clock in ask_clocks(self._bus) if clock.warning]
+                self._warnings = [clock.warning for clock in wrong]
+                for clock in wrong:
+                    if clock.host not in told:
+                        log.warning("%s", clock.warning)
+                told = {clock.host for clock in wrong}
+
     # The action.
 
     def refuse(self, goal: FindObjectGoal) -> FindObjectResult | None:
@@ -202,18 +223,23 @@ class FindObject:
         return self._no_answer(ResultCode.BUSY, f"the finder is busy: {limits}; ask again later")
 
     def stopped(self, handle: GoalHandle[FindObjectGoal, FindObjectResult]) -> FindObjectResult:
-        """Cancelled, or too late."""
+        """Cancelled, or too late: with what is known so far."""
+        where = f"at stage {handle.stage}" if handle.stage else "while it waited for its turn"
         if handle.deadline_passed:
-            words = f"deadline of {handle.goal.timeout:g} s passed at stage {handle.stage}"
-            known = self._no_answer(ResultCode.NOT_FOUND, words, deadline_passed=True)
-            return known.model_copy(update={"report": dict(handle.notes)})
-        return self._no_answer(ResultCode.CANCELLED, f"cancelled at stage {handle.stage}")
+            words = f"deadline of {handle.goal.timeout:g} s passed {where}"
+            result = self._no_answer(ResultCode.NOT_FOUND, words, deadline_passed=True)
+        else:
+            result = self._no_answer(ResultCode.CANCELLED, f"cancelled {where}")
+        return result.model_copy(update={"report": {**self._about(handle.goal), **handle.notes}})
 
     def failed(self, goal: FindObjectGoal, error: Exception) -> FindObjectResult:
         """Something in the cloud or the goal that no search is possible with."""
-        del goal
         words = str(error) if isinstance(error, ZsightError | CoreError) else f"{type(error).__name__}: {error}"
-        return self._no_answer(ResultCode.NOT_FOUND, words)
+        return self._no_answer(ResultCode.NOT_FOUND, words).model_copy(update={"report": self._about(goal)})
+
+    def _about(self, goal: FindObjectGoal) -> dict[str, JsonValue]:
+        """What was asked, for whoever reads the report later."""
+        return {"object_type": goal.object_type, "camera": self._settings.camera, "warnings": list(self._warnings)}
 
     def execute(self, handle: GoalHandle[FindObjectGoal, FindObjectResult]) -> FindObjectResult:
         """Wait for a cloud, understand its scene, look for the object."""
@@ -223,11 +249,7 @@ class FindObject:
         if cloud is None:
             return self._no_cloud(handle)
         waited = time.monotonic() - started
-        handle.notes |= {
-            "object_type": goal.object_type,
-            "camera": self._settings.camera,
-            "stamp_ns": cloud.header.stamp.ns,
-        }
+        handle.notes["stamp_ns"] = cloud.header.stamp.ns
         frame, T_frame_camera = self._frame_for(handle, cloud)
         kind = self._catalogue.resolve(goal.object_type)
         scene = self._scenes.of(
@@ -257,6 +279,8 @@ class FindObject:
             frame_id=frame,
             finder=self._settings.name,
         )
+        if not result.objects and goal.region is not None and not _reaches(goal.region, cloud, T_frame_camera):
+            result = _not_seen(result, goal.region, frame)
         return self._with_circumstances(result, handle, cloud, waited)
 
     def _with_circumstances(
@@ -274,14 +298,18 @@ class FindObject:
             "in_finder": (time.monotonic() - handle.started) * 1e3,
         }
         about: dict[str, JsonValue] = {
-            "object_type": handle.goal.object_type,
-            "camera": self._settings.camera,
+            **self._about(handle.goal),
+            "stamp_ns": cloud.header.stamp.ns,
             "cloud_frame": cloud.header.frame_id,
             "points": cloud.width * cloud.height,
+            "transforms": [
+                {"parent": parent, "child": child, "static": static}
+                for parent, child, static in self._buffer.links(result.header.frame_id, cloud.header.frame_id)
+            ],
         }
         return result.model_copy(
             update={
-                "message": "" if result.objects else self._frame_mistake(cloud, handle),
+                "message": "" if result.objects else self._frame_mistake(cloud, handle) or result.message,
                 "timings_ms": {**result.timings_ms, **timings},
                 "report": {**result.report, **about},
             }
@@ -317,14 +345,20 @@ class FindObject:
         return time.monotonic() - came <= self._settings.oldest
 
     def _no_cloud(self, handle: GoalHandle[FindObjectGoal, FindObjectResult]) -> FindObjectResult:
-        key = self._clouds.counter.key
-        if self._newest is None:
+        key, newest = self._clouds.counter.key, self._newest
+        if newest is None:
             words = f"no cloud has come on {key}: is the camera running? See: zsight node list"
+        elif handle.goal.capture is Capture.NEW and newest[1] > handle.started:
+            early = (handle.accepted.ns - newest[0].header.stamp.ns) / 1e9
+            words = (
+                f"clouds come on {key}, but the newest was measured {early:.1f} s before the question by its stamp: "
+                "do the hosts' clocks agree? See: zsight node clocks"
+            )
         else:
-            age = time.monotonic() - self._newest[1]
+            age = time.monotonic() - newest[1]
             words = f"the newest cloud on {key} came {age:.1f} s ago: has the camera stopped? See: zsight node list"
         log.warning("goal %s: %s", handle.goal_id, words)
-        return self._no_answer(ResultCode.NOT_FOUND, words)
+        return self._no_answer(ResultCode.NOT_FOUND, words).model_copy(update={"report": self._about(handle.goal)})
 
     def _frame_for(
         self, handle: GoalHandle[FindObjectGoal, FindObjectResult], cloud: PointCloud2
@@ -360,3 +394,15 @@ class FindObject:
             finder=self._settings.name,
             deadline_passed=deadline_passed,
         )
+
+
+def _reaches(region: Region, cloud: PointCloud2, T_frame_camera: NDArray[np.float64]) -> bool:
+    """Whether any point of the cloud lies in a region of the frame of the answer."""
+    points = transform_xyz(T_frame_camera, xyz(points_of(cloud)).reshape(-1, 3))
+    return bool(((points >= region.low) & (points <= region.high)).all(axis=1).any())
+
+
+def _not_seen(result: FindObjectResult, region: Region, frame: str) -> FindObjectResult:
+    """Of a region in which nothing was measured nobody knows what it holds."""
+    words = f"nothing was measured between {region.low} and {region.high} of {frame}: is it in view, and in that frame?"
+    return result.model_copy(update={"status": Status.CANNOT_TELL, "message": words, "p_absent": 0.0})

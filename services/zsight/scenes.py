@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 __all__ = ["Scenes"]
 
 _KEPT = 2  # scenes with their clouds, which may be large: of two clouds, or of one with and without a height given
+_STEP = 0.01  # seconds between two looks at whether the goal was cancelled
 
 
 @dataclass(eq=False)
@@ -61,7 +62,9 @@ class Scenes:
     ) -> Scene:
         """The scene of a cloud, made and published by whoever asks first; see zsight_core.scene.understand."""
         levelled = T_world_camera is not None
-        with self._lock:
+        while not self._lock.acquire(timeout=_STEP):
+            checkpoint("scene", 0.0)  # another goal makes a scene meanwhile, which this one need not wait for
+        try:
             for seen in self._kept:
                 if seen.suits(cloud, known_height, levelled):
                     return seen.scene
@@ -72,6 +75,8 @@ class Scenes:
             self._kept = [seen, *self._kept[: _KEPT - 1]]
             self._publish(seen)
             return scene
+        finally:
+            self._lock.release()
 
     def tell(self, scene: Scene, types: Mapping[int, str]) -> None:
         """What a find told of some segments, by label; a scene is published again when that is news."""

@@ -102,15 +102,29 @@ class TransformBuffer:
         Raises:
             TransformUnknown: no chain leads from source to target, or a link is not known at that time; says which.
         """
-        above_source, above_target = self._ancestors(source), self._ancestors(target)
-        common = next((frame for frame in above_source if frame in above_target), None)
-        if common is None:
+        ways = self._ways(target, source)
+        if ways is None:
+            above_source, above_target = self._ancestors(source), self._ancestors(target)
             known = ", ".join(sorted(self.frames())) or "none"
             ends = f"{source} leads up to {above_source[-1]}, {target} to {above_target[-1]}"
             raise TransformUnknown(f"no transform from {source} to {target}: {ends}; known frames: {known}")
-        T_common_source = self._chain(above_source[: above_source.index(common)], stamp_ns)
-        T_common_target = self._chain(above_target[: above_target.index(common)], stamp_ns)
+        T_common_source, T_common_target = (self._chain(frames, stamp_ns) for frames in ways)
         return inverse(T_common_target) @ T_common_source
+
+    def links(self, target: str, source: str) -> list[tuple[str, str, bool]]:
+        """What a lookup goes through, from the source on: parent, child, whether it is static; [] where no chain is."""
+        up, down = self._ways(target, source) or ([], [])
+        with self._lock:
+            links = [(child, self._links[child]) for child in (*up, *reversed(down))]
+        return [(link.parent, child, link.static is not None) for child, link in links]
+
+    def _ways(self, target: str, source: str) -> tuple[list[str], list[str]] | None:
+        """The frames from the source and from the target up to below the first that is above both."""
+        above_source, above_target = self._ancestors(source), self._ancestors(target)
+        common = next((frame for frame in above_source if frame in above_target), None)
+        if common is None:
+            return None
+        return above_source[: above_source.index(common)], above_target[: above_target.index(common)]
 
     def _ancestors(self, frame: str) -> list[str]:
         """The frame, its parent, and so on up to its root."""

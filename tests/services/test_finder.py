@@ -12,6 +12,7 @@ from tests.services.waiting import DEADLINE, soon
 
 from zsight import finder
 from zsight.client import CellClient, answer_of
+from zsight.clocks import Clock
 from zsight.convert import cloud_from_points, matrix_of
 from zsight.errors import DeadlinePassed, GoalCancelled, NobodyAnswers, RequestRefused, UsageError
 from zsight.object_catalogue import read_type
@@ -19,6 +20,7 @@ from zsight.sources import open_source
 from zsight_core import find as find_core
 from zsight_core import scene as scene_core
 from zsight_core.transform import angle_between, from_rpy
+from zsight_protocol.action import GoalState
 from zsight_protocol.find_object import Capture, ResultCode, Status
 from zsight_protocol.geometry import Region, TransformList
 from zsight_protocol.message import Time
@@ -142,6 +144,25 @@ def test_only_the_region_counts(
     stage = start()
     stage.show()
     assert bool(stage.client.find("toy_block", region=Region(low=low, high=high)).objects) is found
+
+
+def test_of_a_region_that_is_not_in_view_nothing_is_claimed(start: Callable[..., Stage]) -> None:
+    stage = start()
+    stage.show()
+    result = stage.client.find("toy_block", region=Region(low=(5.0, 5.0, 5.0), high=(6.0, 6.0, 6.0)))
+    assert (result.status, result.p_absent) == (Status.CANNOT_TELL, 0.0)
+    assert "nothing was measured between (5.0, 5.0, 5.0) and (6.0, 6.0, 6.0) of base_link" in result.message
+
+
+def test_the_answer_says_what_it_was_made_of(start: Callable[..., Stage]) -> None:
+    stage = start()
+    stamp = stage.show()
+    report = stage.client.find("mug").report
+    assert (report["object_type"], report["camera"], report["stamp_ns"]) == ("mug", "kinect", stamp.ns)
+    assert report["transforms"] == [
+        {"parent": "kinect_link", "child": "kinect_pc_frame", "static": True},
+        {"parent": "base_link", "child": "kinect_link", "static": True},
+    ]
 
 
 def test_a_known_height_is_used(start: Callable[..., Stage]) -> None:
@@ -322,6 +343,51 @@ def test_a_new_cloud_that_never_comes_is_told(start: Callable[..., Stage]) -> No
     stage = start(oldest=0.05)
     stage.show()
     assert "has the camera stopped?" in stage.client.find("toy_block", capture=Capture.NEW).message
+
+
+def test_a_new_cloud_with_an_old_stamp_is_told(start: Callable[..., Stage]) -> None:
+    stage = start(oldest=0.3)
+    call = stage.client.start_find("toy_block", capture=Capture.NEW)
+    assert any(update.stage == "cloud" for update in call)
+    stage.show(Time.from_ns(Time.now().ns - 5 * 10**9))  # as a camera does whose clock is behind
+    final = call.wait()
+    assert final.result is not None
+    assert "s before the question by its stamp: do the hosts' clocks agree?" in final.result.message
+
+
+def test_a_goal_that_waits_for_the_scene_of_another_can_be_cancelled(
+    start: Callable[..., Stage], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    began, go_on, whole = threading.Event(), threading.Event(), scene_core.understand
+
+    def slow(*arguments: Any, **options: Any) -> scene_core.Scene:
+        began.set()
+        assert go_on.wait(DEADLINE)
+        return whole(*arguments, **options)
+
+    monkeypatch.setattr(scene_core, "understand", slow)
+    stage = start(parallel=2)
+    stage.show()
+    first = stage.client.start_find("toy_block")
+    assert began.wait(DEADLINE)
+    second = stage.client.start_find("toy_block")
+    assert any(update.stage == "scene" for update in second)
+    second.cancel()
+    assert second.wait().state is GoalState.CANCELLED
+    go_on.set()
+    assert first.wait().state is GoalState.SUCCEEDED
+
+
+def test_a_clock_that_is_off_is_told_in_every_answer(
+    start: Callable[..., Stage], monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(finder, "_CLOCKS_EVERY", 0.01)
+    monkeypatch.setattr(finder, "ask_clocks", lambda _: [Clock("attic", 0.1, 0.001), Clock("desk", 0.01, 0.001)])
+    stage = start()
+    stage.show()
+    expected = [Clock("attic", 0.1, 0.001).warning]
+    assert soon(lambda: stage.client.find("toy_block").report["warnings"] == expected)
+    assert [record.getMessage() for record in caplog.records].count(expected[0]) == 1
 
 
 def test_the_deadline_is_kept(start: Callable[..., Stage]) -> None:

@@ -81,6 +81,17 @@ def test_a_missing_link_is_named() -> None:
         buffer.lookup("elsewhere", "hand")
 
 
+def test_the_links_of_a_lookup_are_told() -> None:
+    buffer = TransformBuffer()
+    buffer.put(at(0, 1.0, parent="world", child="kinect"), static=True)
+    buffer.put(at(0, 1.0, parent="world", child="arm"), static=True)
+    buffer.put(at(0, 1.0, parent="arm", child="hand"))
+    through = [("world", "kinect", True), ("world", "arm", True), ("arm", "hand", False)]
+    assert buffer.links("hand", "kinect") == through
+    assert buffer.links("kinect", "hand") == through[::-1]
+    assert buffer.links("world", "world") == buffer.links("elsewhere", "hand") == []
+
+
 def test_a_ring_of_frames_does_not_hang() -> None:
     buffer = TransformBuffer()
     for parent, child in (("a", "b"), ("b", "c"), ("c", "a")):

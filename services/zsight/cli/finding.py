@@ -82,6 +82,9 @@ def find(
         print_json(result_json(result))
     else:
         say(describe(result))
+        report: dict[str, Any] = dict(result.report)
+        for warning in report.get("warnings", []):
+            say(f"warning: {warning}")
         if words := _way(result):
             say(words)
     raise typer.Exit(0 if result.objects else 1)
