@@ -4,22 +4,26 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import functools
+import time
 from typing import TYPE_CHECKING, TypeVar, Unpack
 
-from zsight.client import CellClient, answer_of, connect
+from zsight.client import LOST_OR_BUSY, CellClient, answer_of, connect
 
 if TYPE_CHECKING:
-    from collections.abc import AsyncIterator, Iterator
+    from collections.abc import AsyncIterator, Callable, Iterator
 
     from zsight.action_client import GoalCall
-    from zsight.client import Cloud, FindOptions
-    from zsight.merging import MergedObject
+    from zsight.client import Catalog, Cloud, FindOptions
+    from zsight.levelling import CameraLevel
+    from zsight.merging import MergedAnswer
     from zsight_protocol.action import CancelResponse, Update
     from zsight_protocol.find_object import FindObjectResult
     from zsight_protocol.geometry import Plane
+    from zsight_protocol.object_type import ObjectType
     from zsight_protocol.point_cloud import PointCloud2
 
-__all__ = ["AsyncCellClient", "AsyncGoalCall", "connect_async"]
+__all__ = ["AsyncCatalog", "AsyncCellClient", "AsyncGoalCall", "connect_async"]
 
 T = TypeVar("T")
 
@@ -35,6 +39,7 @@ class AsyncCellClient:
     def __init__(self, client: CellClient) -> None:
         """Args: client, closed with this one."""
         self.client = client
+        self.catalog = AsyncCatalog(client.catalog)
 
     async def __aenter__(self) -> AsyncCellClient:
         """The client itself."""
@@ -52,13 +57,50 @@ class AsyncCellClient:
         """Send a goal: iterate over its updates, or await its result."""
         return AsyncGoalCall(await asyncio.to_thread(lambda: self.client.start_find(object_type, **options)))
 
-    async def find(self, object_type: str, **options: Unpack[FindOptions]) -> FindObjectResult:
-        """Find an object; a task that is cancelled meanwhile cancels the goal."""
-        return await (await self.start_find(object_type, **options)).result()
+    async def find(
+        self,
+        object_type: str,
+        *,
+        on_update: Callable[[Update[FindObjectResult]], None] = lambda _: None,
+        retry: bool = False,
+        **options: Unpack[FindOptions],
+    ) -> FindObjectResult:
+        """Find an object; a task that is cancelled meanwhile cancels the goal. ``on_update`` runs in another thread."""
+        started = time.monotonic()
+        goal = await self.start_find(object_type, **options)
+        try:
+            return await goal.result(on_update)
+        except LOST_OR_BUSY:
+            left = options.get("timeout", 10.0) - (time.monotonic() - started)
+            again = await asyncio.to_thread(self.client.elsewhere, goal.call, options, left) if retry else None
+            if again is None:
+                raise
+        return await self.find(object_type, on_update=on_update, **again)
 
-    async def find_all(self, object_type: str, *, frame: str = "", timeout: float = 10.0) -> list[MergedObject]:
-        """Ask every finder."""
-        return await asyncio.to_thread(lambda: self.client.find_all(object_type, frame=frame, timeout=timeout))
+    async def find_all(self, object_type: str, **options: Unpack[FindOptions]) -> MergedAnswer:
+        """Ask every finder for all instances."""
+        return await asyncio.to_thread(lambda: self.client.find_all(object_type, **options))
+
+    async def finders(self) -> list[str]:
+        """Names of all finders that are there."""
+        return await asyncio.to_thread(self.client.finders)
+
+    async def results(self, goal_id: str | None = None, *, finder: str = "*") -> list[Update[FindObjectResult]]:
+        """How goals of the last minute stand or ended."""
+        return await asyncio.to_thread(lambda: self.client.results(goal_id, finder=finder))
+
+    async def level_camera(
+        self,
+        camera: str = "kinect",
+        *,
+        surface_height: float = 0.0,
+        timeout: float = 5.0,
+        apply: bool = True,
+        save: bool = False,
+    ) -> CameraLevel:
+        """Level a camera by the surface it sees, and let it stand there."""
+        level = functools.partial(self.client.level_camera, camera, surface_height=surface_height, timeout=timeout)
+        return await asyncio.to_thread(level, apply=apply, save=save)
 
     async def cancel(self, goal_id: str | None = None, *, finder: str = "*") -> CancelResponse:
         """Cancel one goal or all."""
@@ -75,6 +117,30 @@ class AsyncCellClient:
                 yield cloud
 
 
+class AsyncCatalog:
+    """The object types that the finders of a cell know."""
+
+    def __init__(self, catalog: Catalog) -> None:
+        """Args: the catalogue that does the work."""
+        self._catalog = catalog
+
+    async def list(self) -> list[ObjectType]:
+        """All types."""
+        return await asyncio.to_thread(self._catalog.list)
+
+    async def get(self, name: str) -> ObjectType:
+        """One type by name or number."""
+        return await asyncio.to_thread(self._catalog.get, name)
+
+    async def add(self, kind: ObjectType) -> str:
+        """Add a type to every finder, or change the one of its name; what they say."""
+        return await asyncio.to_thread(self._catalog.add, kind)
+
+    async def remove(self, name: str) -> str:
+        """Remove a type from every finder that knows it; what they say."""
+        return await asyncio.to_thread(self._catalog.remove, name)
+
+
 class AsyncGoalCall:
     """A goal that was sent."""
 
@@ -87,10 +153,10 @@ class AsyncGoalCall:
         async for update in _in_threads(iter(self.call)):
             yield update
 
-    async def result(self) -> FindObjectResult:
+    async def result(self, on_update: Callable[[Update[FindObjectResult]], None] = lambda _: None) -> FindObjectResult:
         """The answer; cancelling this task cancels the goal."""
         try:
-            return answer_of(await asyncio.to_thread(self.call.wait))
+            return answer_of(await asyncio.to_thread(self.call.wait, on_update))
         except asyncio.CancelledError:
             await asyncio.to_thread(self.call.cancel)
             raise

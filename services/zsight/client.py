@@ -12,7 +12,7 @@ from pydantic import ValidationError
 
 from zsight.action_client import GoalCall
 from zsight.action_client import cancel as cancel_goal
-from zsight.beats import ask_health
+from zsight.beats import ask_health, present
 from zsight.bus import Bus
 from zsight.bus.zenoh_link import open_link
 from zsight.catalogue_client import Catalog
@@ -28,14 +28,14 @@ from zsight.errors import (
     ZsightError,
 )
 from zsight.levelling import CameraLevel, await_level, measure_level, process_of
-from zsight.merging import MergedObject, merge
+from zsight.merging import MergedAnswer, merge
 from zsight.network import Network
 from zsight.parameter_client import ParameterClient
 from zsight.question import ask_question
 from zsight_protocol.action import GoalState, ResultRequest, Update, UpdateList, new_goal_id
 from zsight_protocol.channels import ANY_FINDER
 from zsight_protocol.channels import Cell as Keys
-from zsight_protocol.errors import DecodeError
+from zsight_protocol.errors import DecodeError, KeyNameError
 from zsight_protocol.find_object import Capture, FindObjectGoal, FindObjectResult, ResultCode
 from zsight_protocol.geometry import Plane, Region
 from zsight_protocol.message import Time
@@ -49,6 +49,8 @@ if TYPE_CHECKING:
 __all__ = ["CellClient", "Cloud", "FindOptions", "answer_of", "connect"]
 
 ALL = "*"
+LOST_OR_BUSY = (NobodyAnswers, ServerLost, ServerBusy)
+"""What another finder may help with."""
 
 
 def connect(endpoint: str | None = None, *, namespace: str | None = None) -> CellClient:
@@ -164,7 +166,10 @@ class CellClient:
         except ValidationError as error:
             raise UsageError(str(DecodeError.from_validation("goal", error))) from None
         cell = self.bus.cell
-        keys = (cell.find_object(finder), cell.cancel(finder if finder != ANY_FINDER else ALL))
+        try:
+            keys = (cell.find_object(finder), cell.cancel(finder if finder != ANY_FINDER else ALL))
+        except KeyNameError as error:
+            raise UsageError(str(error)) from None
         return GoalCall(self.bus, keys, goal, goal.goal_id, FindObjectResult, timeout)
 
     def find(
@@ -180,7 +185,7 @@ class CellClient:
         Args:
             object_type: catalogue name, or the book's number as text.
             on_update: called with every update.
-            retry: ask another finder once where the first one dies or is busy.
+            retry: ask another finder once where the first one is not there, dies or is busy.
             options: see FindOptions.
 
         Returns:
@@ -199,24 +204,30 @@ class CellClient:
         call = self.start_find(object_type, **options)
         try:
             return answer_of(call.wait(on_update))
-        except (ServerLost, ServerBusy):
+        except LOST_OR_BUSY:
             left = options.get("timeout", 10.0) - (time.monotonic() - started)
-            others = [name for name in self.finders() if name != call.server] if retry and left > 0 else []
-            if not others:
+            again = self.elsewhere(call, options, left) if retry else None
+            if again is None:
                 raise
-        again: FindOptions = {**options, "finder": others[0], "timeout": left}
         return self.find(object_type, on_update=on_update, **again)
 
-    def find_all(self, object_type: str, *, frame: str = "", timeout: float = 10.0) -> list[MergedObject]:
+    def elsewhere(
+        self, call: GoalCall[FindObjectResult], options: FindOptions, seconds_left: float
+    ) -> FindOptions | None:
+        """The options for asking another finder than a call did; none where no time or no finder is left."""
+        others = [name for name in self.finders() if name != call.server] if seconds_left > 0 else []
+        return {**options, "finder": others[0], "timeout": seconds_left} if others else None
+
+    def find_all(self, object_type: str, **options: Unpack[FindOptions]) -> MergedAnswer:
         """Ask every finder for all instances, and join what they say of the same physical object.
 
         Args:
             object_type: as for ``find``.
-            frame: frame of the answers; with several cameras give one that all know, such as the world's.
-            timeout: seconds.
+            options: see FindOptions; finder means nothing here, and maximum is 0 if not given. With several cameras
+                give a frame that all know, such as the world's: answers in different frames are not joined.
 
         Returns:
-            Objects, the most probable first, each with who found it and what others say of its place.
+            Objects, the most probable first, each with who found it, what others say of its place and who saw none.
 
         Raises:
             NobodyAnswers: no finder is there.
@@ -224,18 +235,21 @@ class CellClient:
         """
         names = self.finders()
         if not names:
-            raise NobodyAnswers("no finder is there: start one with: zsight up")
-        calls = [self.start_find(object_type, finder=n, frame=frame, maximum=0, timeout=timeout) for n in names]
+            raise NobodyAnswers(f"no finder is there: {present(self.bus)}")
+        calls: dict[str, GoalCall[FindObjectResult]] = {}
+        for name in names:
+            wanted: FindOptions = {"maximum": 0, **options, "finder": name}
+            calls[name] = self.start_find(object_type, **wanted)
         results: list[FindObjectResult] = []
-        failures: list[ZsightError] = []
-        for call in calls:
+        failures: dict[str, ZsightError] = {}
+        for name, call in calls.items():
             try:
                 results.append(answer_of(call.wait()))
             except ZsightError as error:
-                failures.append(error)
+                failures[name] = error
         if not results:
-            raise failures[0]
-        return merge(results)
+            raise next(iter(failures.values()))
+        return MergedAnswer(merge(results), tuple(results), {name: str(error) for name, error in failures.items()})
 
     def finders(self) -> list[str]:
         """Names of all finders that are there."""

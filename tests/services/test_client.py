@@ -105,7 +105,7 @@ def test_one_finder_tells_its_own_objects_apart() -> None:
 
 def test_what_is_farther_than_half_an_edge_is_another() -> None:
     assert len(merge([said("a", box(0.0, 0.6)), said("b", box(0.026, 0.9))])) == 2
-    assert merge([]) == []
+    assert merge([]) == ()
 
 
 class Finders:
