@@ -14,7 +14,8 @@ if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Callable, Iterator
 
     from zsight.action_client import GoalCall
-    from zsight.client import Catalog, Cloud, FindOptions
+    from zsight.catalogue_client import Catalog
+    from zsight.client import Cloud, FindOptions
     from zsight.levelling import CameraLevel
     from zsight.merging import MergedAnswer
     from zsight_protocol.action import CancelResponse, Update

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from pydantic import ValidationError
 
 from zsight.errors import RequestRefused, UsageError
-from zsight.question import ask_question
+from zsight.question import PATIENCE, ask_question
 from zsight_protocol.errors import DecodeError
 from zsight_protocol.object_type import CatalogAnswer, CatalogRequest, Taught, Teaching
 
@@ -122,7 +122,7 @@ class Catalog:
             self.add(answer.types[0])
         return answer.types[0], answer.taught
 
-    def _ask(self, request: CatalogRequest, name: str, timeout: float = 2.0) -> Sequence[CatalogAnswer]:
+    def _ask(self, request: CatalogRequest, name: str, timeout: float = PATIENCE) -> Sequence[CatalogAnswer]:
         """The finders' answers, those that agree first; an error where all of them refuse."""
         key = self._bus.cell.catalog(name)
         answers = ask_question(self._bus, key, request, CatalogAnswer, everyone=True, timeout=timeout)

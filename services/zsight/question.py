@@ -13,15 +13,15 @@ from zsight_protocol.message import Message
 if TYPE_CHECKING:
     from zsight.bus import Bus
 
-__all__ = ["ask_question", "nobody"]
+__all__ = ["PATIENCE", "ask_question", "nobody"]
 
-_PATIENCE = 10.0  # seconds; a server that is there answers within milliseconds, unless its host is overloaded
+PATIENCE = 10.0  # seconds; a server that is there answers within milliseconds, unless its host is overloaded
 
 M = TypeVar("M", bound=Message)
 
 
 def ask_question(
-    bus: Bus, key: str, question: Message, kind: type[M], *, everyone: bool, timeout: float = _PATIENCE
+    bus: Bus, key: str, question: Message, kind: type[M], *, everyone: bool, timeout: float = PATIENCE
 ) -> list[M]:
     """Every answer; at least one.
 

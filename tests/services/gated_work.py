@@ -24,6 +24,7 @@ class Gated:
         self.gate = threading.Event()
         self.runs: list[str] = []
         self.error: Exception | None = None
+        self.answer = result("done")
 
     def refuse(self, goal: FindObjectGoal) -> FindObjectResult | None:
         return result("no", ResultCode.CODE_NOT_RECOGNISED) if goal.object_type == "unknown" else None
@@ -39,7 +40,7 @@ class Gated:
         handle.checkpoint("waiting", 0.5)
         while not self.gate.wait(0.002):
             handle.checkpoint("waiting", 0.5)
-        return result("done")
+        return self.answer
 
     def stopped(self, handle: Handle) -> FindObjectResult:
         if handle.deadline_passed:

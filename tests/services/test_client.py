@@ -4,19 +4,22 @@ from __future__ import annotations
 
 import asyncio
 import threading
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 from tests.services.gated_work import Gated, result
+from tests.services.told_health import tell_health
 from tests.services.waiting import soon
 
 from zsight.action_server import ActionServer, Policy
 from zsight.async_client import AsyncCellClient
+from zsight.catalogue_server import serve_catalogue
 from zsight.client import CellClient, Cloud, answer_of
 from zsight.convert import cloud_from_points
 from zsight.errors import DeadlinePassed, GoalCancelled, NobodyAnswers, RequestRefused, ServerBusy, ZsightError
-from zsight.merging import merge
+from zsight.merging import MergedAnswer, merge
+from zsight.object_catalogue import load, shipped_folder
 from zsight_core.points import from_xyz, xyz
 from zsight_protocol.action import GoalState, Update, new_goal_id
 from zsight_protocol.find_object import DetectedObject, FindObjectGoal, FindObjectResult, ResultCode, Status
@@ -108,14 +111,31 @@ def test_what_is_farther_than_half_an_edge_is_another() -> None:
     assert merge([]) == ()
 
 
+def test_who_did_not_find_it_is_told_and_who_could_not_tell_is_not() -> None:
+    blind = said("c").model_copy(update={"status": Status.CANNOT_TELL})
+    no = said("b").model_copy(update={"status": Status.NOT_FOUND})
+    (thing,) = merge([said("a", box(0.0, 0.9)), no, blind])
+    assert thing.denied == ("b",)
+    assert MergedAnswer((thing,), (no, blind)).status is Status.NOT_FOUND
+    assert MergedAnswer((), (blind,)).status is Status.CANNOT_TELL
+
+
+def test_answers_in_different_frames_are_never_joined() -> None:
+    elsewhere = said("b", box(0.0, 0.9)).model_copy(update={"header": Header(frame_id="attic")})
+    merged = merge([said("a", box(0.0, 0.6)), elsewhere])
+    assert [(m.finder, m.frame_id, m.denied) for m in merged] == [("b", "attic", ()), ("a", "", ())]
+
+
 class Finders:
     """Some finders, each with its own work, and a client."""
 
     def __init__(self, join: Join, *names: str) -> None:
         self.works = {name: Gated() for name in names}
         self.servers = {}
+        self.buses: dict[str, Bus] = {}
         for name, work in self.works.items():
             bus = join()
+            self.buses[name] = bus
             self.servers[name] = ActionServer(bus, name, FindObjectGoal, work, Policy(1, 0))
         self.client = CellClient(join())
 
@@ -163,6 +183,50 @@ def test_a_goal_is_cancelled_by_its_call_and_by_its_id(finder: Finders) -> None:
         with pytest.raises(GoalCancelled):
             answer_of(call.wait())
     assert {update.state for update in finder.client.results()} == {GoalState.CANCELLED}
+
+
+@pytest.fixture
+def two(join_memory: Join) -> Iterator[Finders]:
+    """Two finders, each with room for one goal, known by their health."""
+    finders = Finders(join_memory, "left", "right")
+    for name, bus in finders.buses.items():
+        tell_health(bus, name)
+    yield finders
+    finders.close()
+
+
+def test_all_finders_are_asked_and_who_is_silent_is_told(two: Finders) -> None:
+    two.works["left"].gate.set()
+    two.works["left"].answer = said("left", box(0.0, 0.9))
+    two.works["right"].answer = said("right", box(0.01, 0.8))
+    two.works["right"].gate.set()
+    (thing,) = two.client.find_all("crate")
+    assert (thing.finder, [name for name, _ in thing.others]) == ("left", ["right"])
+    two.works["right"].gate.clear()
+    answer = two.client.find_all("crate", timeout=0.3)
+    assert [thing.finder for thing in answer] == ["left"]
+    assert "deadline" in answer.silent["right"]
+
+
+@pytest.mark.parametrize("twin", ["sync", "async"])
+def test_a_busy_or_lost_finder_is_replaced_by_another(two: Finders, twin: str) -> None:
+    def find(**options: Any) -> FindObjectResult:
+        if twin == "sync":
+            return two.client.find("cube", **options)
+        return asyncio.run(AsyncCellClient(two.client).find("cube", **options))
+
+    working = two.client.start_find("cube", finder="left")
+    assert any(update.stage == "waiting" for update in working)
+    with pytest.raises(ServerBusy):
+        find(finder="left")
+    two.works["right"].gate.set()
+    assert find(finder="left", retry=True).message == "done"
+    assert len(two.works["right"].runs) == 1
+    two.works["left"].gate.set()
+    working.wait()
+    with pytest.raises(NobodyAnswers):
+        find(finder="gone")
+    assert find(finder="gone", retry=True).message == "done"
 
 
 def test_nobody_is_asked_where_nobody_is(join_memory: Join) -> None:
@@ -213,6 +277,23 @@ def test_the_asyncio_twin_finds_and_cancels(finder: Finders) -> None:
             await call.result()
         finder.works["finder"].gate.set()
         assert (await client.find("cube")).message == "done"
+
+    asyncio.run(use())
+
+
+def test_the_asyncio_twin_knows_the_catalogue_and_the_finders(two: Finders) -> None:
+    known = load(shipped_folder())
+    serve_catalogue(two.buses["left"], known, None)
+
+    async def use() -> None:
+        client = AsyncCellClient(two.client)
+        assert await client.finders() == ["left", "right"]
+        kind = await client.catalog.get("toy_block")
+        await client.catalog.remove("toy_block")
+        assert "toy_block" not in [other.name for other in await client.catalog.list()]
+        await client.catalog.add(kind)
+        assert (await client.catalog.get("toy_block")).shape == kind.shape
+        assert await client.results() == []
 
     asyncio.run(use())
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 from tests.services.running import running
+from tests.services.told_health import tell_health
 from tests.services.waiting import DEADLINE
 
 from zsight import camera
@@ -19,10 +20,7 @@ from zsight.sources import open_source
 from zsight.transforms import TransformBuffer
 from zsight_core.points import from_xyz
 from zsight_core.transform import from_rpy, inverse, quaternion
-from zsight_protocol.codec import encode
 from zsight_protocol.geometry import TransformList
-from zsight_protocol.health import Health, Level
-from zsight_protocol.message import Header, Time
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -30,7 +28,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from zsight.bus import Bus, RawRequest
+    from zsight.bus import Bus
 
     Join = Callable[[], Bus]
 
@@ -49,22 +47,6 @@ def book_pose() -> NDArray[np.float64]:
 
 def pose_text(T: NDArray[np.float64]) -> str:
     return " ".join(str(value) for value in (*T[:3, 3], *quaternion(T)))
-
-
-def tell_health(bus: Bus, process: str) -> None:
-    """As the runtime does for each process."""
-
-    def asked(request: RawRequest) -> None:
-        now = Time.now()
-        writers = tuple(counter.health() for counter in bus.writers)
-        health = Health(
-            header=Header(stamp=now), host="desk", process=process, service="camera", pid=1, version="0", started=now,
-            level=Level.OK, writers=writers,
-        )  # fmt: skip
-        request.reply(encode(health))
-        request.close()
-
-    bus.serve(bus.cell.health("desk", process), asked)
 
 
 @pytest.fixture

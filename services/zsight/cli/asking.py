@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Unpack
 
 from zsight.bus import Bus
 from zsight.bus.zenoh_link import open_link
@@ -15,12 +15,14 @@ from zsight_protocol.channels import Cell
 from zsight_protocol.find_object import Capture
 
 if TYPE_CHECKING:
+    from zsight.client import FindOptions
+    from zsight.merging import MergedAnswer
     from zsight.network import Network
     from zsight_protocol.action import Update
     from zsight_protocol.find_object import FindObjectResult
     from zsight_protocol.geometry import Region
 
-__all__ = ["ask"]
+__all__ = ["ask", "ask_all"]
 
 
 def ask(
@@ -60,6 +62,13 @@ def ask(
 
             draw_live(cell.bus, result, picture)
         return result
+
+
+def ask_all(network: Network, object_type: str, *, new: bool, **options: Unpack[FindOptions]) -> MergedAnswer:
+    """The joined answers of all finders."""
+    options["capture"] = Capture.NEW if new else Capture.LAST
+    with CellClient(Bus(open_link(network), Cell(network.namespace))) as cell:
+        return cell.find_all(object_type, **options)
 
 
 def _show(update: Update[FindObjectResult]) -> None:

@@ -13,6 +13,7 @@ from zsight.cli.output import numbers, print_json, say
 from zsight.errors import UsageError
 
 if TYPE_CHECKING:
+    from zsight.merging import MergedAnswer, MergedObject
     from zsight_protocol.find_object import DetectedObject, FindObjectResult
     from zsight_protocol.geometry import Region
 
@@ -38,7 +39,7 @@ def find(
     ] = None,
     new: Annotated[bool, typer.Option("--new", help="Wait for a cloud measured after the question.")] = False,
     finder: Annotated[
-        str, typer.Option("--finder", help="Which finder is asked; the best match if not given.")
+        str, typer.Option("--finder", help="Which finder is asked; 'all' of them; the best match if not given.")
     ] = "any",
     cloud: Annotated[
         Path | None,
@@ -71,6 +72,19 @@ def find(
             cloud, object_type, intrinsics=intrinsics, pose=camera_pose, catalogue=catalogue, known_height=known_height, region=box,
             maximum=0 if every else 1, timeout=timeout, picture=picture,
         )  # fmt: skip
+    elif finder == EVERY_FINDER:
+        from zsight.cli.asking import ask_all
+
+        refuse_options(context, ("picture",), "means nothing with --finder all")
+        answer = ask_all(
+            network_of(connect, namespace), object_type, frame=frame, timeout=timeout, known_height=known_height,
+            region=box, new=new, maximum=0 if every else 1,
+        )  # fmt: skip
+        if json:
+            print_json(merged_json(answer))
+        else:
+            say(describe_merged(answer))
+        raise typer.Exit(0 if answer else 1)
     else:
         from zsight.cli.asking import ask
 
@@ -90,6 +104,7 @@ def find(
     raise typer.Exit(0 if result.objects else 1)
 
 
+EVERY_FINDER = "all"
 _ONLINE = ("frame", "new", "finder", "connect", "namespace")
 _OFFLINE = ("camera_pose", "intrinsics", "catalogue")
 
@@ -143,6 +158,45 @@ def _object_json(found: DetectedObject) -> dict[str, Any]:
         "runner_up": found.runner_up,
         "equivalent_poses": [pose.model_dump() for pose in found.equivalent_poses],
     }
+
+
+def merged_json(answer: MergedAnswer) -> dict[str, Any]:
+    """The object that ``find --finder all --json`` prints."""
+    return {
+        "status": answer.status.value,
+        "objects": [_merged_object_json(thing) for thing in answer],
+        "finders": {result.finder: result_json(result) for result in answer.results},
+        "silent": dict(answer.silent),
+    }
+
+
+def _merged_object_json(thing: MergedObject) -> dict[str, Any]:
+    return {
+        **_object_json(thing.best),
+        "frame_id": thing.frame_id,
+        "finder": thing.finder,
+        "others": [{"finder": name, **_object_json(found)} for name, found in thing.others],
+        "disagreement": thing.disagreement_m,
+        "denied": list(thing.denied),
+    }
+
+
+def describe_merged(answer: MergedAnswer) -> str:
+    """The answers of all finders in words."""
+    lines = [line for thing in answer for line in _describe_merged_one(thing)]
+    lines += [f"{r.finder}: {describe(r)}" for r in answer.results if not answer or r.status.value == "cannot_tell"]
+    lines += [f"{name} gave no answer: {why}" for name, why in answer.silent.items()]
+    return "\n".join(lines)
+
+
+def _describe_merged_one(thing: MergedObject) -> list[str]:
+    lines = [f"{_describe_one(thing.best, thing.frame_id)}\n  found by     {thing.finder}"]
+    if thing.others:
+        names = ", ".join(f"{name} (probability {found.score:.3f})" for name, found in thing.others)
+        lines.append(f"  and by       {names}; places differ by up to {thing.disagreement_m * 1e3:.2f} mm")
+    if thing.denied:
+        lines.append(f"  not found by {', '.join(thing.denied)}")
+    return lines
 
 
 def describe(result: FindObjectResult) -> str:
