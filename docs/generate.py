@@ -104,6 +104,8 @@ def _readable(pattern: str) -> str:
         "find_object": ["FINDER"],
         "catalog": ["TYPE"],
         "param": ["HOST", "PROCESS"],
+        "@recorder": ["RECORDER"],
+        "@player": ["PLAYER"],
         "@health": ["HOST", "PROCESS"],
         "@alive": ["HOST", "PROCESS"],
     }

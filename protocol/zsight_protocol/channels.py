@@ -13,9 +13,10 @@ from zsight_protocol.errors import KeyNameError
 from zsight_protocol.find_object import FindObjectGoal, FindObjectResult
 from zsight_protocol.geometry import Plane, TransformList
 from zsight_protocol.health import Health
-from zsight_protocol.object_type import CatalogRequest
+from zsight_protocol.object_type import CatalogAnswer, CatalogRequest
 from zsight_protocol.parameter import ParameterRequest
 from zsight_protocol.point_cloud import PointCloud2
+from zsight_protocol.recording import Clock, PlayerRequest, PlayerState, RecorderRequest, RecorderState
 from zsight_protocol.scene import Scene
 
 if TYPE_CHECKING:
@@ -63,8 +64,15 @@ CHANNELS = (
     Channel("find_object/*/result", ResultRequest, Delivery.REQUEST),
     Channel("find_object/*/status", GoalStatusList, Delivery.LATCHED),
     Channel("find_object/*/feedback", Update[FindObjectResult], Delivery.EVERY),
+    Channel("find_object/*/goal", FindObjectGoal, Delivery.EVERY),
+    Channel("find_object/*/catalogue", CatalogAnswer, Delivery.LATCHED),
     Channel("catalog/*", CatalogRequest, Delivery.REQUEST),
     Channel("param/*/*", ParameterRequest, Delivery.REQUEST),
+    Channel("clock", Clock, Delivery.LATEST),
+    Channel("@recorder/*", RecorderRequest, Delivery.REQUEST),
+    Channel("@recorder/*/status", RecorderState, Delivery.LATCHED),
+    Channel("@player/*", PlayerRequest, Delivery.REQUEST),
+    Channel("@player/*/status", PlayerState, Delivery.LATCHED),
     Channel("@health/*/*", Health, Delivery.LATEST),
     Channel("@alive/*/*", None, Delivery.TOKEN),
 )
@@ -198,6 +206,14 @@ class Cell:
         """Updates of all goals of a finder, for watchers; '*' for all."""
         return self._key("find_object", _name_or_any(finder, "finder"), "feedback")
 
+    def goal(self, finder: str) -> str:
+        """Goals that a finder took, for watchers and recorders."""
+        return self._key("find_object", require_name(finder, "finder"), "goal")
+
+    def catalogue(self, finder: str) -> str:
+        """All types that a finder knows, for watchers and recorders."""
+        return self._key("find_object", require_name(finder, "finder"), "catalogue")
+
     def catalog(self, name: str) -> str:
         """One type of the catalogue; '*' for all."""
         return self._key("catalog", _name_or_any(name, "type"))
@@ -205,6 +221,27 @@ class Cell:
     def parameters(self, host: str, process: str) -> str:
         """Settings of a process; '*' for any host or process."""
         return self._key("param", _name_or_any(host.lower(), "host"), _name_or_any(process, "process"))
+
+    @property
+    def clock(self) -> str:
+        """The time that a player has reached."""
+        return self._key("clock")
+
+    def recorder(self, name: str) -> str:
+        """Requests to a recorder; '*' for any."""
+        return self._key("@recorder", _name_or_any(name, "recorder"))
+
+    def recorder_status(self, name: str) -> str:
+        """How a recorder stands; '*' for all."""
+        return self._key("@recorder", _name_or_any(name, "recorder"), "status")
+
+    def player(self, name: str) -> str:
+        """Requests to a player; '*' for any."""
+        return self._key("@player", _name_or_any(name, "player"))
+
+    def player_status(self, name: str) -> str:
+        """How a player stands; '*' for all."""
+        return self._key("@player", _name_or_any(name, "player"), "status")
 
     def health(self, host: str, process: str) -> str:
         """Beats of a process; '*' for any host or process. Hosts stand in lower case: their case says nothing."""

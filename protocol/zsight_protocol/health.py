@@ -7,7 +7,7 @@ from typing import Annotated
 
 from pydantic import Field, Strict
 
-from zsight_protocol.message import Bare, Count, Float64, Header, Message, Time
+from zsight_protocol.message import Bare, Count, Extras, Float64, Header, Message, Time
 
 __all__ = ["Health", "Latency", "Level", "ReaderHealth", "WriterHealth"]
 
@@ -60,7 +60,7 @@ class ReaderHealth(Message):
 
 
 class Health(Message):
-    """The beat itself."""
+    """The beat itself, with the settings that the process runs with."""
 
     header: Header
     host: str
@@ -75,3 +75,4 @@ class Health(Message):
     memory_bytes: Count = 0
     writers: Annotated[tuple[WriterHealth, ...], Strict(False)] = ()
     readers: Annotated[tuple[ReaderHealth, ...], Strict(False)] = ()
+    settings: Extras = Field(default_factory=dict)

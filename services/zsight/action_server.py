@@ -169,6 +169,7 @@ class ActionServer(Generic[Goal, Result]):
         self._closed = threading.Event()
         self._status = StatusBoard(bus.writer(bus.cell.status(name), GoalStatusList), self._present)
         self._feedback = bus.writer(bus.cell.feedback(name), Update[Message])
+        self._taken = bus.writer(bus.cell.goal(name), goal)
         self._workers = [
             threading.Thread(target=self._run_goals, name=f"worker-{number}", daemon=True)
             for number in range(policy.parallel)
@@ -235,6 +236,7 @@ class ActionServer(Generic[Goal, Result]):
                 self._goals[goal_id] = handle
                 self._waiting.append(handle)
                 self._changed.notify_all()
+        self._publish_goal(goal)
         self._tell(handle)
         if handle.state is GoalState.REJECTED:
             request.close()
@@ -415,6 +417,14 @@ class ActionServer(Generic[Goal, Result]):
             self._feedback.send(update)  # type: ignore[arg-type]  # Update of any result is an Update of a Message
         except ConnectionLost as error:
             log.debug("no feedback sent: %s", error)
+
+    def _publish_goal(self, goal: Goal) -> None:
+        """For watchers and recorders: requests themselves are seen by nobody else."""
+        try:
+            if self._taken.has_readers():
+                self._taken.send(goal)
+        except ConnectionLost as error:
+            log.debug("no goal sent: %s", error)
 
     def _present(self) -> GoalStatusList:
         """The newest goals, for watchers."""

@@ -46,6 +46,7 @@ def serve_catalogue(
     catalogue: Catalogue,
     folder: Path | None,
     teach: Callable[[str, Teaching], CatalogAnswer] | None = None,
+    tell: Callable[[CatalogAnswer], object] = lambda _: None,
 ) -> Closable:
     """Serve the catalogue; changes are kept in the folder, or until the process ends where there is none.
 
@@ -54,7 +55,11 @@ def serve_catalogue(
         catalogue: what is served.
         folder: of the types that were added.
         teach: measures a thing for a type of this name; takes a second, and so is called on a thread of its own.
+        tell: told all types, at once and after every change: for watchers and recorders.
     """
+
+    def changed() -> None:
+        tell(answer(CatalogRequest(action="list"), catalogue, folder))
 
     def asked(request: RawRequest) -> None:
         try:
@@ -66,7 +71,10 @@ def serve_catalogue(
             threading.Thread(target=_reply_safely, args=(request, lambda: _taught(wanted, teach)), daemon=True).start()
         else:
             _reply_safely(request, lambda: answer(wanted, catalogue, folder))
+        if wanted.action not in ("list", "get"):
+            changed()
 
+    changed()
     return bus.serve(bus.cell.catalog("*"), asked)
 
 

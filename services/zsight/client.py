@@ -32,6 +32,7 @@ from zsight.merging import MergedAnswer, merge
 from zsight.network import Network
 from zsight.parameter_client import ParameterClient
 from zsight.question import ask_question
+from zsight.recording_client import PlayerClient, RecorderClient
 from zsight_protocol.action import GoalState, ResultRequest, Update, UpdateList, new_goal_id
 from zsight_protocol.channels import ANY_FINDER
 from zsight_protocol.channels import Cell as Keys
@@ -256,6 +257,14 @@ class CellClient:
         prefix, suffix = self.bus.cell.status(ALL).split(ALL)
         keys = {writer.key for beat in ask_health(self.bus) for writer in beat.writers}
         return sorted(k[len(prefix) : -len(suffix)] for k in keys if k.startswith(prefix) and k.endswith(suffix))
+
+    def recorder(self, name: str = ALL) -> RecorderClient:
+        """A recorder of the cell: start, stop and trigger recordings."""
+        return RecorderClient(self.bus, name)
+
+    def player(self, name: str = ALL) -> PlayerClient:
+        """A player of the cell: play, pause, step, seek."""
+        return PlayerClient(self.bus, name)
 
     def cancel(self, goal_id: str | None = None, *, finder: str = ALL) -> CancelResponse:
         """Cancel one goal, or all goals, of a finder or of all."""

@@ -80,7 +80,8 @@ def run(bus: Bus, settings: Settings) -> None:
     catalogue = object_catalogue.load(object_catalogue.shipped_folder(), *([own_folder] if own_folder else []))
     work = FindObject(bus, settings, catalogue)
     # Types can be told of before kernels are there.
-    catalogue_server = serve_catalogue(bus, catalogue, own_folder, work.teach)
+    told = bus.writer(bus.cell.catalogue(settings.name), CatalogAnswer)
+    catalogue_server = serve_catalogue(bus, catalogue, own_folder, work.teach, told.send)
     find_core.warm_up()
     scene_core.warm_up()
     catalogue.models()

@@ -160,7 +160,7 @@ def _served(
     keys = Network.from_environment().keys
     roster = Roster(keys) if service.name == "router" and keys else None
     parameters = Parameters(settings, Saved(bus.cell.namespace, process))
-    with bus, _beating(bus, service, process):
+    with bus, _beating(bus, service, process, settings):
         serve_parameters(bus, host_name(), process, service.name, parameters)
         threading.Thread(target=_stop_bus, args=(stopping, bus, roster), name="stop", daemon=True).start()
         loop(bus, settings)
@@ -190,7 +190,7 @@ def _stop_bus(stopping: threading.Event, bus: Bus, roster: Roster | None) -> Non
 
 
 @contextlib.contextmanager
-def _beating(bus: Bus, service: Service, process: str) -> Iterator[None]:
+def _beating(bus: Bus, service: Service, process: str, settings: Settings) -> Iterator[None]:
     """Health beats while the service runs, and its liveliness token from the moment it is ready."""
     host = host_name()
     errors = _ErrorCounter()
@@ -215,6 +215,7 @@ def _beating(bus: Bus, service: Service, process: str) -> Iterator[None]:
             memory_bytes=_resident_bytes(),
             writers=tuple(counter.health() for counter in bus.writers),
             readers=tuple(counter.health() for counter in bus.readers),
+            settings=settings.model_dump(mode="json"),
         )
 
     def asked(request: RawRequest) -> None:

@@ -44,6 +44,8 @@ SERVICES = (
     Service("planes", "zsight.planes", "plane of a selected patch, and its coplanar points"),
     Service("finder", "zsight.finder", "object finder"),
     Service("viewer", "zsight.viewer", "the browser page"),
+    Service("recorder", "zsight.recording.recorder", "writes what travels in the cell to MCAP files"),
+    Service("player", "zsight.recording.player", "sends a recording as if it were live"),
 )
 
 

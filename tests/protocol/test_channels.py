@@ -32,15 +32,23 @@ KEYS: dict[str, KeyOf] = {
     "find_object/*/result": lambda cell, a, _b: cell.result(a),
     "find_object/*/status": lambda cell, a, _b: cell.status(a),
     "find_object/*/feedback": lambda cell, a, _b: cell.feedback(a),
+    "find_object/*/goal": lambda cell, a, _b: cell.goal(a),
+    "find_object/*/catalogue": lambda cell, a, _b: cell.catalogue(a),
     "catalog/*": lambda cell, a, _b: cell.catalog(a),
     "param/*/*": lambda cell, a, b: cell.parameters(a, b),
+    "clock": lambda cell, _a, _b: cell.clock,
+    "@recorder/*": lambda cell, a, _b: cell.recorder(a),
+    "@recorder/*/status": lambda cell, a, _b: cell.recorder_status(a),
+    "@player/*": lambda cell, a, _b: cell.player(a),
+    "@player/*/status": lambda cell, a, _b: cell.player_status(a),
     "@health/*/*": lambda cell, a, b: cell.health(a, b),
     "@alive/*/*": lambda cell, a, b: cell.alive(a, b),
 }
-RESERVED = {"tf", "tf_static", "find_object", "catalog", "param", "@health", "@alive"}
+RESERVED = {"tf", "tf_static", "find_object", "catalog", "param", "clock", "@recorder", "@player", "@health", "@alive"}
+RESERVED_AT = {name for name in RESERVED if name.startswith("@")}
 
 # The words of the table itself are the names most likely to be mistaken for a row.
-words = sorted({chunk for row in CHANNELS for chunk in row.pattern.split("/")} - {"*"} - {"@health", "@alive"})
+words = sorted({chunk for row in CHANNELS for chunk in row.pattern.split("/")} - {"*"} - RESERVED_AT)
 names = st.sampled_from(words) | st.from_regex(r"[a-z0-9_][a-z0-9_.\-]{0,8}", fullmatch=True)
 rows = pytest.mark.parametrize("row", CHANNELS, ids=lambda row: row.pattern)
 
@@ -82,7 +90,7 @@ def test_a_key_for_any_name_leads_to_the_same_row(row: Channel) -> None:
 def test_a_name_that_cannot_stand_in_a_key_is_refused(row: Channel, name: str) -> None:
     if "*" not in row.pattern:
         return
-    if row.pattern.startswith(("@", "param")) and name == "A":
+    if row.pattern.startswith(("@health", "@alive", "param")) and name == "A":
         assert KEYS[row.pattern](Cell(), "A", "a") == KEYS[row.pattern](Cell(), "a", "a")  # hosts ignore case
         return
     with pytest.raises(KeyNameError, match="expected lower-case letters"):
@@ -122,7 +130,7 @@ def test_a_key_of_no_row_is_refused(key: str, said: str) -> None:
 def test_a_recorder_of_everything_gets_no_housekeeping() -> None:
     everything = zenoh.KeyExpr("zsight/**")
     heard = {p for p, key in KEYS.items() if everything.includes(zenoh.KeyExpr(key(Cell(), "a", "b")))}
-    assert set(KEYS) - heard == {"@health/*/*", "@alive/*/*"}
+    assert set(KEYS) - heard == {key for key in KEYS if key.startswith("@")}
 
 
 def test_a_namespace_hears_nothing_of_another() -> None:

@@ -84,6 +84,27 @@ PUBLIC = {
     ],
     "parameter": ["Parameter", "ParameterAnswer", "ParameterRequest"],
     "point_cloud": ["Buffer", "Datatype", "MAXIMUM_BYTES", "MAXIMUM_POINTS", "PointCloud2", "PointField"],
+    "recording": [
+        "Clock",
+        "KeyLoss",
+        "PlayerRequest",
+        "PlayerState",
+        "Playing",
+        "RecorderRequest",
+        "RecorderState",
+        "Recording",
+    ],
+    "ros_cdr": ["read_cdr", "write_cdr"],
+    "ros_definition": [
+        "Definitions",
+        "PRIMITIVES",
+        "RosField",
+        "SEPARATOR",
+        "STRINGS",
+        "parse_definition",
+        "short_name",
+    ],
+    "ros_message": ["RosType", "from_cdr", "from_values", "ros_type", "to_cdr"],
     "scene": ["HeightLayer", "LabelImage", "MissingDepth", "Scene", "SceneSegment", "SupportSurface"],
 }
 

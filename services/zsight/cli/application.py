@@ -25,6 +25,7 @@ COMMANDS = {
     "topic": "topics:app",
     "node": "nodes:app",
     "catalog": "catalog:app",
+    "bag": "bag:app",
     "param": "parameters:app",
     "view": "viewing:view",
     "keys": "keys:app",

@@ -1,0 +1,264 @@
+"""``zsight bag``: recordings."""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from zsight.cli.options import Connect, Json, Namespace, network_of
+from zsight.cli.output import print_json, print_table, say
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from zsight.recording.player import Player
+    from zsight_protocol.recording import PlayerState, RecorderState
+
+__all__ = ["app"]
+
+app = typer.Typer(help="Record, play, look into and mend recordings.", no_args_is_help=True, rich_markup_mode=None)
+
+File = Annotated[Path, typer.Argument(metavar="FILE", help="A recording: .mcap, .bag, or a folder.")]
+
+
+@app.command()
+def record(
+    keys: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="[KEY]...", help="Key expressions; everything of the cell if not given."),
+    ] = None,
+    output: Annotated[
+        str, typer.Option("--output", "-o", metavar="FILE", help="The file; named after the time if not given.")
+    ] = "",
+    include: Annotated[str, typer.Option("--include", metavar="REGEX", help="Only keys that contain this.")] = "",
+    exclude: Annotated[str, typer.Option("--exclude", metavar="REGEX", help="No keys that contain this.")] = "",
+    duration: Annotated[float | None, typer.Option("--duration", help="Stop after so many seconds.")] = None,
+    compression: Annotated[str, typer.Option("--compression", help="auto, none, lz4 or zstd.")] = "auto",
+    split_size: Annotated[float, typer.Option("--split-size", help="Another file after so many MiB.")] = 0,
+    split_time: Annotated[float, typer.Option("--split-time", help="Another file after so many seconds.")] = 0,
+    keep: Annotated[int, typer.Option("--keep", help="Keep only the last so many files.")] = 0,
+    on_full: Annotated[
+        str, typer.Option("--on-full", help="When the disk is full: stop, wait for room, or drop the oldest file.")
+    ] = "stop",
+    reserve: Annotated[float, typer.Option("--reserve", help="MiB of the disk that are left free.")] = 64,
+    ring: Annotated[
+        float, typer.Option("--ring", help="Keep so many seconds in memory, and write when triggered.")
+    ] = 0,
+    after: Annotated[float, typer.Option("--after", help="Seconds that are recorded after a trigger.")] = 5,
+    trigger_key: Annotated[str, typer.Option("--trigger-key", help="Trigger on a message of this key.")] = "",
+    trigger_failed_find: Annotated[
+        bool, typer.Option("--trigger-failed-find", help="Trigger when a find ends without the object.")
+    ] = False,
+    json: Json = False,
+    connect: Connect = None,
+    namespace: Namespace = None,
+) -> None:
+    """Record until Ctrl-C; exit code 1 where messages were lost."""
+    from zsight.recording import recorder
+    from zsight.runtime import join
+    from zsight.settings import parse
+
+    values = {
+        "start": not ring, "keys": " ".join(keys or ()), "include": include, "exclude": exclude,
+        "compression": compression, "split_size": split_size, "split_time": split_time, "keep": keep,
+        "on_full": on_full, "reserve": reserve, "ring": ring, "after": after, "trigger_key": trigger_key,
+        "trigger_failed_find": trigger_failed_find, "name": "command",
+    }  # fmt: skip
+    settings = parse(recorder.Settings, values)
+    with join(network_of(connect, namespace)) as bus:
+        taking = recorder.Recorder(bus, settings)
+        try:
+            if not ring:
+                say(f"recording to {taking.start(output).path}; stop with Ctrl-C")
+            with _until_told(), _line() as line:
+                ends = None if duration is None else time.monotonic() + duration
+                while ends is None or time.monotonic() < ends:
+                    bus.stopping.wait(0.25 if ends is None else max(min(0.25, ends - time.monotonic()), 0.0))
+                    taking.beat()
+                    state = taking.state()
+                    line(_recording_words(state))
+                    if not ring and state.state.value == "idle":
+                        break
+        finally:
+            taking.close()
+        state = taking.state()
+    if json:
+        print_json(state.model_dump(mode="json", exclude={"header", "ok"}))
+    else:
+        _say_recorded(state)
+    raise typer.Exit(1 if state.lost else 0)
+
+
+@contextlib.contextmanager
+def _until_told() -> Iterator[None]:
+    """Ctrl-C and a request to end are no failure here."""
+    import signal
+
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGTERM, interrupt)
+    try:
+        with contextlib.suppress(KeyboardInterrupt):
+            yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+@contextlib.contextmanager
+def _line() -> Iterator[Any]:
+    """A line on stderr that is written anew, at a terminal only."""
+    is_terminal = sys.stderr.isatty()
+
+    def show(words: str) -> None:
+        if is_terminal:
+            sys.stderr.write(f"\r\x1b[K{words}")
+            sys.stderr.flush()
+
+    yield show
+    show("")
+
+
+def _recording_words(state: RecorderState) -> str:
+    if state.state.value == "armed":
+        return f"waiting for a trigger, {state.in_memory:.1f} s in memory"
+    lost = f", {state.lost} LOST" if state.lost else ""
+    return (
+        f"{state.seconds:6.1f} s  {state.messages} messages  {_size(state.bytes_written)}  "
+        f"{state.bytes_per_second / 1e6:.1f} MB/s ({state.compression}){lost}  {_size(state.disk_free)} left"
+        + (f"  {state.message}" if state.message else "")
+    )
+
+
+def _say_recorded(state: RecorderState) -> None:
+    if not state.path:
+        say("nothing was recorded")
+        return
+    files = f" and {state.files - 1} before it" if state.files > 1 else ""
+    say(f"{state.path}{files}: {state.messages} messages in {state.seconds:.1f} s, {_size(state.bytes_written)}")
+    for loss in state.losses:
+        say(f"  {loss.lost} of {loss.key} are not in it")
+    if state.message:
+        say(state.message)
+
+
+def _size(number: float) -> str:
+    for unit in ("B", "KiB", "MiB"):
+        if number < 1024:
+            return f"{number:.0f} {unit}" if unit == "B" else f"{number:.1f} {unit}"
+        number /= 1024
+    return f"{number:.1f} GiB"
+
+
+@app.command()
+def play(
+    file: File,
+    rate: Annotated[float, typer.Option("--rate", help="Times as fast as it was recorded.")] = 1.0,
+    loop: Annotated[bool, typer.Option("--loop", help="Begin again after the end.")] = False,
+    start: Annotated[float, typer.Option("--start", help="Start so many seconds from the beginning.")] = 0.0,
+    end: Annotated[float | None, typer.Option("--end", help="End so many seconds from the beginning.")] = None,
+    duration: Annotated[float | None, typer.Option("--duration", help="End so many seconds after the start.")] = None,
+    paused: Annotated[bool, typer.Option("--pause", help="Wait to be told to play.")] = False,
+    topics: Annotated[str, typer.Option("--topics", metavar="REGEX", help="Only keys that contain this.")] = "",
+    exclude: Annotated[str, typer.Option("--exclude", metavar="REGEX", help="No keys that contain this.")] = "",
+    remap: Annotated[
+        list[str] | None, typer.Option("--remap", metavar="OLD=NEW", help="Send a key or topic on another key.")
+    ] = None,
+    clock: Annotated[bool, typer.Option("--clock", help="Tell the recording's time on the key clock.")] = False,
+    stamps: Annotated[str, typer.Option("--stamps", help="Stamps of messages: kept, or moved to now.")] = "kept",
+    housekeeping: Annotated[
+        bool, typer.Option("--housekeeping", help="Send health and other keys that begin with @ as well.")
+    ] = False,
+    name: Annotated[str, typer.Option("--name", help="Name of the player in the keys.")] = "player",
+    json: Json = False,
+    connect: Connect = None,
+    namespace: Namespace = None,
+) -> None:
+    """Send a recording as if it were live.
+
+    At a terminal: space pauses and goes on, . sends the next message, the arrow keys seek by 1 and 10 seconds, + and -
+    change the rate, q ends. Programs do the same by requests.
+    """
+    from zsight.cli.player_keys import PlayerKeys
+    from zsight.recording import player
+    from zsight.runtime import join
+    from zsight.settings import parse
+
+    values = {
+        "name": name, "rate": rate, "loop": loop, "start": start, "end": end, "duration": duration, "paused": paused,
+        "topics": topics, "exclude": exclude, "remap": " ".join(remap or ()), "clock": clock, "stamps": stamps,
+        "housekeeping": housekeeping,
+    }  # fmt: skip
+    settings = parse(player.Settings, values)
+    with join(network_of(connect, namespace)) as bus:
+        playing = player.Player(bus, settings)
+        try:
+            playing.open(str(file))
+            with _until_told(), _line() as line, PlayerKeys(playing) as keys:
+                _watch(playing, keys, line)
+            state = playing.state()
+        finally:
+            playing.close()
+    if json:
+        print_json(state.model_dump(mode="json", exclude={"header", "ok"}))
+    else:
+        say(f"{state.sent} messages sent; {state.late_p99_ms:.2f} ms late at most, but for 1 % of them")
+        if state.skipped:
+            say(f"{state.skipped} messages were not sent: {state.message or 'we have no message of their type'}")
+
+
+def _watch(playing: Player, keys: Any, line: Any) -> None:
+    """Until the end of the recording, or until somebody says so."""
+    while True:
+        playback = playing.playback
+        if playback is None or keys.ended:
+            return
+        if playback.wait_ended(0.1) and not keys.is_on:
+            return
+        line(_playing_words(playing.state()))
+        playing.tell()
+        if playback.error is not None:
+            raise playback.error
+
+
+def _playing_words(state: PlayerState) -> str:
+    width = 30
+    done = int(width * min(state.position / state.duration, 1.0)) if state.duration else width
+    bar = "=" * done + " " * (width - done)
+    return f"[{bar}] {state.position:.1f} of {state.duration:.1f} s, {state.state.value}, rate {state.rate:g}"
+
+
+@app.command()
+def info(file: File, json: Json = False) -> None:
+    """What is in a recording."""
+    from zsight.recording.about import about
+
+    report = about(file)
+    if json:
+        print_json(report)
+        return
+    rows: list[tuple[str, object]] = [
+        ("file", report["file"]),
+        ("size", _size(report["size"])),
+        ("made by", report["library"] or "-"),
+        ("begins", report["begins"]),
+        ("lasts", f"{report['seconds']:.3f} s"),
+        ("messages", report["messages"]),
+        ("compression", ", ".join(f"{name} ({n} chunks)" for name, n in report["compression"].items()) or "-"),
+    ]
+    print_table((), rows)
+    print_table(
+        ("key", "type", "messages", "Hz", "source"),
+        [(t["key"], t["type"], t["messages"], f"{t['hz']:.1f}", t["source"]) for t in report["topics"]],
+    )
+    for source, count in report["skipped"].items():
+        say(f"{count} messages of {source} cannot be played: we have no message of that type")
+    for key, count in report["losses"].items():
+        say(f"{count} messages of {key} came and could not be written")
+    if report["damage"]:
+        say(f"DAMAGED: {report['damage']}. It can be played as it is; mend it with: zsight bag recover {file}")

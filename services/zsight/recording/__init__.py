@@ -1,0 +1,1 @@
+"""Recordings: MCAP in, MCAP out, the recorder and the player."""

@@ -1,0 +1,327 @@
+"""The recorder service: writes what travels in a cell to MCAP files, all the time, on request, or when triggered."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pydantic import Field
+
+from zsight.bus.memory_link import matches
+from zsight.errors import UsageError, ZsightError
+from zsight.recording.capture import Capture, KeyChoice
+from zsight.recording.compression import require_choice
+from zsight.recording.disk_writer import DiskPolicy, DiskWriter, OnFull
+from zsight.recording.file_series import Split
+from zsight.recording.memory_ring import MemoryRing
+from zsight.recording.recording_file import row_of
+from zsight.settings import Settings as ServiceSettings
+from zsight_protocol.channels import Delivery
+from zsight_protocol.codec import decode, encode
+from zsight_protocol.errors import ProtocolError
+from zsight_protocol.find_object import FindObjectResult, ResultCode
+from zsight_protocol.message import Header, Time
+from zsight_protocol.recording import KeyLoss, RecorderRequest, RecorderState, Recording
+
+if TYPE_CHECKING:
+    from zsight.bus import Bus, RawRequest
+    from zsight.recording.sample import Sample
+    from zsight_protocol.action import Update
+
+__all__ = ["Recorder", "Settings", "run"]
+
+log = logging.getLogger(__name__)
+
+_BEAT = 0.5  # seconds between two words of how it stands
+_MOST_LOSSES = 64  # keys whose losses are told
+_MEBIBYTE = 1 << 20
+
+
+class Settings(ServiceSettings):
+    """Settings of the recorder service."""
+
+    name: str = Field("recorder", description="name of the recorder in the keys")
+    folder: str = Field(".", description="where recordings go that are started without a path")
+    start: bool = Field(False, description="begin a recording at once, and not only when asked")
+    keys: str = Field("", description="key expressions, spaces between; everything of the cell if not given")
+    include: str = Field("", description="regular expression that a key must contain")
+    exclude: str = Field("", description="regular expression that a key must not contain")
+    compression: str = Field(
+        "auto", description="none, lz4, zstd; auto: the smallest that keeps up, by measured speed, chunk by chunk"
+    )
+    split_size: float = Field(0, ge=0, description="MiB after which another file begins; 0: never")
+    split_time: float = Field(0, ge=0, description="seconds after which another file begins; 0: never")
+    keep: int = Field(0, ge=0, description="files that are kept where a recording is split; 0: all")
+    on_full: OnFull = Field(
+        OnFull.STOP, description="when the disk is full: stop; wait until there is room; drop the oldest file"
+    )
+    reserve: float = Field(64, ge=0.25, description="MiB of the disk that are left free (0.25 or more)")
+    memory: float = Field(512, gt=0, description="MiB that may wait to be written before messages are dropped")
+    ring: float = Field(
+        0, ge=0, le=3600, description="seconds that are kept in memory for a trigger; 0: none (up to 3600)"
+    )
+    ring_memory: float = Field(1024, gt=0, description="MiB that those seconds may take")
+    after: float = Field(5, ge=0, le=3600, description="seconds that are recorded after a trigger (0 to 3600)")
+    trigger_failed_find: bool = Field(False, description="trigger when a find ends without the object")
+    trigger_key: str = Field("", description="trigger when a message comes on this key expression")
+
+
+def run(bus: Bus, settings: Settings) -> None:
+    """Record when asked, until told to stop."""
+    recorder = Recorder(bus, settings)
+    if settings.start:
+        recorder.start()
+    bus.ready()
+    while not bus.stopping.wait(_BEAT):
+        recorder.beat()
+    recorder.close()
+
+
+class Recorder:
+    """A recorder on the bus; every method may be called from any thread."""
+
+    def __init__(self, bus: Bus, settings: Settings) -> None:
+        """Args: bus; settings."""
+        self._bus = bus
+        self._settings = settings
+        self._policy = _policy(settings)
+        self._default = _choice(bus, settings)
+        self._lock = threading.RLock()
+        self._disk: DiskWriter | None = None
+        self._last: RecorderState | None = None  # of the recording before
+        self._ring = MemoryRing(settings.ring, int(settings.ring_memory * _MEBIBYTE)) if settings.ring else None
+        self._ends: float | None = None
+        self._trigger: str | None = None
+        self._in_force: dict[tuple[str, int], Sample] = {}
+        self._capture: Capture | None = None
+        self._status = bus.writer(bus.cell.recorder_status(settings.name), RecorderState)
+        self._server = bus.serve(bus.cell.recorder(settings.name), self._asked)
+        if self._ring is not None:
+            self._read(self._default)
+        self._tell()
+
+    def close(self) -> None:
+        """Stop recording, and reading."""
+        self.stop()
+        self._server.close()
+        if self._capture is not None:
+            self._capture.close()
+
+    # What it is asked.
+
+    def start(self, path: str = "", keys: tuple[str, ...] = ()) -> RecorderState:
+        """Begin a recording.
+
+        Raises:
+            UsageError: one is running already, or the path cannot be used.
+        """
+        with self._lock:
+            if self._disk is not None:
+                raise UsageError(f"{self._disk.series.files[-1]} is being recorded already: stop it first")
+            choice = self._default if not keys else _with_keys(self._default, keys)
+            self._open(path, choice)
+            self._ends = None
+            if self._ring is None:
+                self._read(choice)
+        self._tell()
+        return self.state()
+
+    def stop(self) -> RecorderState:
+        """End the recording, if there is one."""
+        with self._lock:
+            disk, self._disk, self._ends = self._disk, None, None
+            capture = self._capture if disk is not None and self._ring is None else None
+            if capture is not None:
+                self._capture, self._in_force = None, {}
+        if capture is not None:
+            capture.close()  # waits for messages that are just being handed over
+        if disk is not None:
+            disk.close()
+            self._last = self._state_of(disk, Recording.ARMED if self._ring is not None else Recording.IDLE)
+            log.info("recorded %d messages to %s", disk.messages, ", ".join(map(str, disk.series.files)))
+        self._tell()
+        return self.state()
+
+    def trigger(self, why: str = "asked") -> RecorderState:
+        """Write what is kept in memory, and what comes in the seconds that follow.
+
+        Raises:
+            UsageError: nothing is kept.
+        """
+        with self._lock:
+            if self._ring is None:
+                raise UsageError("nothing is kept in memory: give the recorder the setting ring (seconds)")
+            if self._disk is None:
+                self._open("", self._default)
+            elif self._ends is not None:  # triggered again while it records: that much longer
+                self._ends = time.monotonic() + self._settings.after
+            log.info("triggered: %s", why)
+        self._tell()
+        return self.state()
+
+    def _open(self, path: str, choice: KeyChoice) -> None:
+        place = Path(path).expanduser() if path else Path(self._settings.folder) / _fresh_name()
+        if place.suffix != ".mcap":
+            place = place.with_name(place.name + ".mcap")
+        about = {"recorder": self._settings.name, "keys": " ".join(choice.expressions)}
+        kept = self._ring.take() if self._ring is not None else []
+        try:
+            self._disk = DiskWriter(
+                place,
+                self._bus.cell.namespace,
+                about,
+                self._policy,
+                in_force=list(self._in_force.values()),
+                begin_ns=kept[0].received_ns if kept else None,
+            )
+        except OSError as error:
+            raise UsageError(f"{place} cannot be written: {error.strerror or error}") from None
+        if self._ring is not None:
+            self._ends = time.monotonic() + self._settings.after
+        for sample in kept:
+            self._disk.put(sample)
+
+    def _read(self, choice: KeyChoice) -> None:
+        self._capture = Capture(self._bus, choice, self._arrived, self._lost)
+
+    # Messages come, on the link's threads.
+
+    def _arrived(self, sample: Sample) -> None:
+        with self._lock:
+            if self._disk is not None:
+                self._disk.put(sample)
+            elif self._ring is not None:
+                self._ring.put(sample)
+            row = row_of(sample.key, self._bus.cell.namespace)
+            if row is not None and row.delivery is Delivery.LATCHED:
+                self._in_force[sample.key, sample.writer] = sample
+            if self._ring is not None and self._triggers(sample):
+                self._trigger = sample.key
+
+    def _lost(self, key: str, count: int) -> None:
+        with self._lock:
+            if self._disk is not None:
+                self._disk.lose(key, count)
+
+    def _triggers(self, sample: Sample) -> bool:
+        if self._settings.trigger_key and matches(self._settings.trigger_key, sample.key):
+            return True
+        if not self._settings.trigger_failed_find or not sample.key.endswith("/feedback"):
+            return False
+        row = row_of(sample.key, self._bus.cell.namespace)
+        try:
+            update: Update[FindObjectResult] = decode(row.message, sample.payload)  # type: ignore[union-attr,arg-type]  # that row's
+        except ProtocolError:
+            return False
+        return update.final and (update.result is None or update.result.code is not ResultCode.FOUND)
+
+    # How it stands.
+
+    def beat(self) -> None:
+        """Look after triggers and the end of a recording, and tell how it stands."""
+        with self._lock:
+            trigger, self._trigger = self._trigger, None
+            over = self._ends is not None and time.monotonic() >= self._ends
+            over = over or (self._disk is not None and self._disk.ended)
+        try:
+            if trigger is not None:
+                self.trigger(f"a message on {trigger}")
+            elif over:
+                self.stop()
+        except ZsightError as error:
+            log.warning("%s", error)
+        self._tell()
+
+    def state(self) -> RecorderState:
+        """How it stands."""
+        with self._lock:
+            disk = self._disk
+        if disk is not None:
+            return self._state_of(disk, Recording.DISK_FULL if disk.full else Recording.RECORDING)
+        state = Recording.ARMED if self._ring is not None else Recording.IDLE
+        now, kept = Header(stamp=Time.now()), 0.0 if self._ring is None else self._ring.seconds
+        if self._last is not None:
+            return self._last.model_copy(update={"header": now, "state": state, "in_memory": kept})
+        return RecorderState(header=now, recorder=self._settings.name, state=state, in_memory=kept)
+
+    def _state_of(self, disk: DiskWriter, state: Recording) -> RecorderState:
+        losses = disk.losses()
+        return RecorderState(
+            header=Header(stamp=Time.now()),
+            recorder=self._settings.name,
+            state=state,
+            message=disk.words,
+            path=str(disk.series.files[-1]),
+            seconds=time.monotonic() - disk.begun,
+            messages=disk.messages,
+            bytes_in=disk.bytes_in,
+            bytes_written=disk.bytes_written,
+            bytes_per_second=disk.bytes_per_second,
+            lost=sum(losses.values()),
+            losses=tuple(KeyLoss(key=key, lost=count) for key, count in list(losses.items())[:_MOST_LOSSES]),
+            safe_ns=disk.safe_ns,
+            disk_free=disk.disk_free(),
+            compression=disk.compression or "none",
+            in_memory=0.0 if self._ring is None else self._ring.seconds,
+            files=len(disk.series.files),
+        )
+
+    def _tell(self) -> None:
+        try:
+            self._status.send(self.state())
+        except ZsightError as error:
+            log.debug("not told: %s", error)
+
+    def _asked(self, request: RawRequest) -> None:
+        # Closing a file takes a while, and this is the link's own thread.
+        threading.Thread(target=self._answer, args=(request,), name="request", daemon=True).start()
+
+    def _answer(self, request: RawRequest) -> None:
+        try:
+            wanted = decode(RecorderRequest, request.payload)
+            state = self._do(wanted)
+        except (ZsightError, ProtocolError) as error:
+            log.warning("refused a request: %s", error)
+            state = self.state().model_copy(update={"ok": False, "message": str(error)})
+        request.reply(encode(state))
+        request.close()
+
+    def _do(self, wanted: RecorderRequest) -> RecorderState:
+        match wanted.action:
+            case "start":
+                return self.start(wanted.path, wanted.keys)
+            case "stop":
+                return self.stop()
+            case "trigger":
+                return self.trigger()
+            case _:
+                return self.state()
+
+
+def _policy(settings: Settings) -> DiskPolicy:
+    return DiskPolicy(
+        split=Split(int(settings.split_size * _MEBIBYTE), settings.split_time, settings.keep),
+        on_full=settings.on_full,
+        reserve=int(settings.reserve * _MEBIBYTE),
+        memory=int(settings.memory * _MEBIBYTE),
+        compression=require_choice(settings.compression),
+    )
+
+
+def _choice(bus: Bus, settings: Settings) -> KeyChoice:
+    namespace = bus.cell.namespace
+    everything = (f"{namespace}/**", bus.cell.health("*", "*"))
+    return KeyChoice(tuple(settings.keys.split()) or everything, settings.include, settings.exclude)
+
+
+def _with_keys(choice: KeyChoice, keys: tuple[str, ...]) -> KeyChoice:
+    return KeyChoice(keys, choice.include, choice.exclude)
+
+
+def _fresh_name() -> str:
+    """The time, to the millisecond: no two recordings of a recorder have the same."""
+    now = time.time()
+    return time.strftime("%Y-%m-%d_%H-%M-%S", time.localtime(now)) + f".{int(now % 1 * 1000):03d}.mcap"
