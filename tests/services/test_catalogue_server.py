@@ -35,7 +35,7 @@ def known() -> Catalogue:
 @pytest.fixture
 def catalog(join_memory: Callable[[], Bus], known: Catalogue, tmp_path: Path) -> Catalog:
     """A client of a finder that keeps its types in a folder."""
-    serve_catalogue(join_memory(), known, tmp_path, "finder")
+    serve_catalogue(join_memory(), known, tmp_path)
     return Catalog(join_memory())
 
 
@@ -170,7 +170,7 @@ def test_a_bad_mesh_leaves_everything_as_it_was(catalog: Catalog, known: Catalog
 
 
 def test_without_a_folder_a_type_is_kept_until_the_end(join_memory: Callable[[], Bus], known: Catalogue) -> None:
-    serve_catalogue(join_memory(), known, None, "finder")
+    serve_catalogue(join_memory(), known, None)
     catalog = Catalog(join_memory())
     assert "until the finder stops" in catalog.add(CRATE)
     assert catalog.get("crate") == CRATE
@@ -180,8 +180,8 @@ def test_without_a_folder_a_type_is_kept_until_the_end(join_memory: Callable[[],
 
 def test_every_finder_learns_of_a_type_and_all_types_are_listed(join_memory: Callable[[], Bus], tmp_path: Path) -> None:
     kept, lost = load(shipped_folder()), load(shipped_folder())
-    serve_catalogue(join_memory(), kept, tmp_path, "finder")
-    serve_catalogue(join_memory(), lost, None, "finder")
+    serve_catalogue(join_memory(), kept, tmp_path)
+    serve_catalogue(join_memory(), lost, None)
     catalog = Catalog(join_memory())
     assert "kept in" in (said := catalog.add(CRATE))
     assert "until the finder stops" in said
@@ -210,7 +210,7 @@ def test_a_type_that_goes_while_all_are_looked_at_is_no_error(
 
 def test_bad_bytes_are_answered(join_memory: Callable[[], Bus], known: Catalogue) -> None:
     server, client = join_memory(), join_memory()
-    serve_catalogue(server, known, None, "finder")
+    serve_catalogue(server, known, None)
     reply = client.ask(client.cell.catalog("*"), b"\xc1", 1.0).take(1.0)
     assert reply is not None
     assert b"not a CatalogRequest" in reply
