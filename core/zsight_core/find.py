@@ -284,10 +284,11 @@ class _Search:
     def explained(self, found: list[Detection]) -> dict[int, str]:
         """Labels of the segments of which at least half lies in boxes of detections, with the type of the fullest."""
         known: dict[int, str] = {}
+        solids = [detection for detection in found if detection.size[2] > 0]  # a surface is not what stands on it
         for piece in self.clues.segments:
             T_camera_support = self.scene.supports[piece.support].T_camera_support
             inside, fullest = np.zeros(len(piece.points), np.bool_), 0.0
-            for detection in found:
+            for detection in solids:
                 T = inverse(detection.T_camera_model) @ T_camera_support
                 there = np.abs(piece.points @ T[:3, :3].T + T[:3, 3])
                 within = (there < np.array(detection.size) / 2 + BOX_MARGIN).all(axis=1)

@@ -12,7 +12,7 @@ import numpy as np
 
 from zsight.convert import pose_of
 from zsight.errors import UsageError, ZsightError
-from zsight.object_catalogue import REMOVED, Catalogue, read_type, write_type
+from zsight.object_catalogue import REMOVED, Catalogue, read_type, require_type_name, write_type
 from zsight_core.atomic_file import atomic_file
 from zsight_core.errors import CoreError
 from zsight_core.mesh_file import read as read_mesh
@@ -124,6 +124,7 @@ def _put(request: CatalogRequest, catalogue: Catalogue, folder: Path | None) -> 
     kind = request.type
     if kind is None:
         raise UsageError("no type was given with put; expected one")
+    require_type_name(kind.name)
     for other in catalogue.types.values():
         if kind.code is not None and other.code == kind.code and other.name != kind.name:
             raise UsageError(f"number {kind.code} is that of {other.name}: choose another one")

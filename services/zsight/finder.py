@@ -11,6 +11,7 @@ from collections import OrderedDict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
 from pydantic import Field, JsonValue
 
 from zsight import finding, object_catalogue, teaching
@@ -22,6 +23,7 @@ from zsight.errors import ConnectionLost, UsageError, ZsightError
 from zsight.scenes import Scenes
 from zsight.settings import Live
 from zsight.settings import Settings as ServiceSettings
+from zsight.tracks import Tracks
 from zsight.transforms import TransformBuffer, TransformUnknown
 from zsight_core import find as find_core
 from zsight_core import level
@@ -29,7 +31,7 @@ from zsight_core import scene as scene_core
 from zsight_core.errors import CoreError
 from zsight_core.points import xyz
 from zsight_core.transform import transform_xyz
-from zsight_protocol.find_object import Capture, FindObjectGoal, FindObjectResult, ResultCode, Status
+from zsight_protocol.find_object import ANY_TYPE, Capture, FindObjectGoal, FindObjectResult, ResultCode, Status
 from zsight_protocol.geometry import TransformList
 from zsight_protocol.message import Header, Time
 from zsight_protocol.object_type import CatalogAnswer, Teaching
@@ -37,12 +39,12 @@ from zsight_protocol.point_cloud import PointCloud2
 from zsight_protocol.scene import Scene
 
 if TYPE_CHECKING:
-    import numpy as np
     from numpy.typing import NDArray
 
     from zsight.action_server import GoalHandle
     from zsight.bus import Bus, Reader
     from zsight.object_catalogue import Catalogue
+    from zsight_core.find import Answer
     from zsight_protocol.geometry import Region
 
 __all__ = ["FindObject", "Settings", "run"]
@@ -65,6 +67,12 @@ class Settings(ServiceSettings):
     queue: int = Field(16, ge=0, le=10000, description="goals that may wait; more are refused as busy (0 to 10000)")
     oldest: Live[float] = Field(
         2.0, gt=0, le=3600, description="greatest age of a cloud that is searched, seconds (above 0, up to 3600)"
+    )
+    extrinsic_position: Live[float] = Field(
+        0.002, ge=0, le=1, description="standard deviation of the camera's known place, metres along each axis (0 to 1)"
+    )
+    extrinsic_rotation: Live[float] = Field(
+        0.001, ge=0, le=1, description="standard deviation of its known direction, radians about each axis (0 to 1)"
     )
     scene_rate: Live[float] = Field(
         2.0,
@@ -110,6 +118,7 @@ class FindObject:
         self._newest: tuple[PointCloud2, float] | None = None
         self._came = threading.Condition()
         self._stages: OrderedDict[int, dict[str, float]] = OrderedDict()
+        self._tracks = Tracks()
         self._scenes = Scenes(bus.writer(bus.cell.scene(settings.camera), Scene), settings.name)
 
     def start_reading(self) -> None:
@@ -200,7 +209,8 @@ class FindObject:
     def refuse(self, goal: FindObjectGoal) -> FindObjectResult | None:
         """An unknown type is refused with the nearest names."""
         try:
-            self._catalogue.resolve(goal.object_type)
+            if goal.object_type != ANY_TYPE:
+                self._catalogue.resolve(goal.object_type)
         except UsageError as error:
             return self._no_answer(ResultCode.CODE_NOT_RECOGNISED, str(error))
         if goal.camera not in ("", self._settings.camera):
@@ -252,7 +262,8 @@ class FindObject:
         waited = time.monotonic() - started
         handle.notes["stamp_ns"] = cloud.header.stamp.ns
         frame, T_frame_camera = self._frame_for(handle, cloud)
-        kind = self._catalogue.resolve(goal.object_type)
+        wanted = goal.object_type
+        name = wanted if wanted == ANY_TYPE else self._catalogue.resolve(wanted).name
         scene = self._scenes.of(
             cloud,
             T_world_camera=self._gravity(cloud),
@@ -263,7 +274,7 @@ class FindObject:
         answer = finding.find(
             points_of(cloud),
             self._catalogue,
-            kind.name,
+            name,
             scene=scene,
             T_frame_camera=T_frame_camera,
             region=goal.region,
@@ -279,10 +290,25 @@ class FindObject:
             stamp=cloud.header.stamp,
             frame_id=frame,
             finder=self._settings.name,
+            ids=self._ids(answer, cloud),
+            extrinsic=self._extrinsic(frame, cloud),
         )
         if not result.objects and goal.region is not None and not _reaches(goal.region, cloud, T_frame_camera):
             result = _not_seen(result, goal.region, frame)
         return self._with_circumstances(result, handle, cloud, waited)
+
+    def _ids(self, answer: Answer, cloud: PointCloud2) -> list[str]:
+        """Names that stay with the objects, by where they are in the world, or before the camera where that is all."""
+        gravity = self._gravity(cloud)
+        T_root_camera = np.eye(4) if gravity is None else gravity
+        places = [(T_root_camera @ detection.T_camera_model)[:3, 3] for detection in answer.detections]
+        return self._tracks.follow([d.type for d in answer.detections], np.array(places).reshape(-1, 3))
+
+    def _extrinsic(self, frame: str, cloud: PointCloud2) -> finding.Extrinsic | None:
+        """How well it is known where the camera is in the frame of the answer; in its own there is no doubt."""
+        if frame == cloud.header.frame_id:
+            return None
+        return finding.Extrinsic(self._settings.extrinsic_position, self._settings.extrinsic_rotation)
 
     def _with_circumstances(
         self,

@@ -2,17 +2,26 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from zsight.convert import pose_of, vector
 from zsight_core.transform import inverse, transform_xyz
-from zsight_protocol.find_object import DetectedObject, FindObjectResult, ResultCode, Status, Support
+from zsight_protocol.find_object import (
+    ANY_TYPE,
+    DetectedObject,
+    FindObjectResult,
+    Obstacle,
+    ResultCode,
+    Status,
+    Support,
+)
 from zsight_protocol.message import Header
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from numpy.typing import NDArray
     from pydantic import JsonValue
@@ -24,7 +33,7 @@ if TYPE_CHECKING:
     from zsight_protocol.geometry import Region
     from zsight_protocol.message import Time
 
-__all__ = ["find", "result_of"]
+__all__ = ["Extrinsic", "find", "result_of", "with_extrinsic"]
 
 
 def find(
@@ -43,7 +52,7 @@ def find(
     Args:
         points: (H, W) cloud, camera frame, metres.
         catalogue: what there may be.
-        name: the type that is wanted.
+        name: the type that is wanted, or ANY_TYPE for all of them.
         scene: what the scene stage made of the cloud.
         T_frame_camera: (4, 4) where the camera is in the frame of the answer, to which ``region`` belongs.
         region: only what lies inside.
@@ -52,11 +61,12 @@ def find(
     """
     from zsight_core import find as finder
 
-    wanted = catalogue.model(name)
-    rivals = [model for model in catalogue.models() if model.name != name]
+    known = catalogue.models()
+    wanted = known if name == ANY_TYPE else [catalogue.model(name)]
+    rivals = known if name == ANY_TYPE else [model for model in known if model.name != name]
     return finder.find(
         points,
-        [wanted],
+        wanted,
         scene=scene,
         T_world_camera=T_frame_camera,
         region=None if region is None else (region.low, region.high),
@@ -75,8 +85,22 @@ def result_of(
     stamp: Time,
     frame_id: str,
     finder: str = "",
+    ids: Sequence[str] = (),
+    extrinsic: Extrinsic | None = None,
 ) -> FindObjectResult:
-    """The answer as it is sent: poses in the frame that was asked for, stamped with the cloud's stamp."""
+    """The answer as it is sent: poses in the frame that was asked for, stamped with the cloud's stamp.
+
+    Args:
+        answer: what was found.
+        catalogue: for the numbers of types.
+        scene: what it was found in.
+        T_frame_camera: (4, 4) the camera in the frame of the answer.
+        stamp: the cloud's.
+        frame_id: name of the frame.
+        finder: who found it.
+        ids: of the objects, in order.
+        extrinsic: how well it is known where the camera is in that frame; none where the frame is the camera's own.
+    """
     found = answer.status == "found"
     timings = {name: float(value) for name, value in answer.report.get("timings_ms", {}).items()}
     report = {name: _plain(value) for name, value in answer.report.items() if name != "timings_ms"}
@@ -85,7 +109,11 @@ def result_of(
         code=ResultCode.FOUND if found else ResultCode.NOT_FOUND,
         status=Status(answer.status),
         finder=finder,
-        objects=tuple(_object_of(d, catalogue, scene, T_frame_camera) for d in answer.detections),
+        objects=tuple(
+            _object_of(detection, name, catalogue, scene, T_frame_camera, extrinsic)
+            for detection, name in zip(answer.detections, ids or [""] * len(answer.detections), strict=True)
+        ),
+        obstacles=_obstacles_of(answer, scene, T_frame_camera),
         p_absent=_p_absent(answer),
         report=report,
         timings_ms=timings,
@@ -99,20 +127,90 @@ def _p_absent(answer: Answer) -> float:
     return float(np.prod([1 - np.clip(detection.score, 0, 1) for detection in answer.detections]))
 
 
+@dataclass(frozen=True)
+class Extrinsic:
+    """How well it is known where a camera is: standard deviations along and about each axis, metres and radians.
+
+    What is given if nothing is said is what a careful calibration by hand comes to.
+    """
+
+    position: float = 0.002
+    rotation: float = 0.001
+
+
+def with_extrinsic(
+    covariance: NDArray[np.float64],
+    place: NDArray[np.float64],
+    camera: NDArray[np.float64],
+    extrinsic: Extrinsic,
+) -> NDArray[np.float64]:
+    """A covariance (6, 6) of position and rotation, with what the camera's pose adds.
+
+    A camera that is turned by w and moved by t from where it is said to be moves what it sees by t + w x arm.
+
+    Args:
+        covariance: in a frame that does not move with the camera.
+        place: (3,) of the object in that frame, metres.
+        camera: (3,) of the camera, likewise.
+        extrinsic: standard deviations.
+    """
+    x, y, z = place - camera
+    from_turn = np.vstack([np.array([[0, z, -y], [-z, 0, x], [y, -x, 0]]), np.eye(3)])
+    added: NDArray[np.float64] = covariance + extrinsic.rotation**2 * from_turn @ from_turn.T
+    added[:3, :3] += extrinsic.position**2 * np.eye(3)
+    return added
+
+
+def _obstacles_of(answer: Answer, scene: Scene, T_frame_camera: NDArray[np.float64]) -> tuple[Obstacle, ...]:
+    """What stands there and is not known: segments, and regions without depth that are no shadows."""
+    things = [
+        Obstacle(
+            pose=pose_of(T_frame_camera @ segment.T_camera_box),
+            size=_extents(segment.size),
+            label=segment.label,
+            points=segment.points,
+        )
+        for segment in answer.obstacles
+    ]
+    unseen = [
+        Obstacle(pose=pose_of(T_frame_camera @ hole.T_camera_box), size=_extents([*hole.size, 0.0]))
+        for hole in scene.holes
+        if not hole.is_shadow
+    ]
+    return (*things, *unseen)
+
+
+def _extents(size: Sequence[float] | NDArray[np.float64]) -> tuple[float, float, float]:
+    length, width, height = (max(float(edge), 0.0) for edge in size)
+    return length, width, height
+
+
 def _object_of(
-    detection: Detection, catalogue: Catalogue, scene: Scene, T_frame_camera: NDArray[np.float64]
+    detection: Detection,
+    name: str,
+    catalogue: Catalogue,
+    scene: Scene,
+    T_frame_camera: NDArray[np.float64],
+    extrinsic: Extrinsic | None,
 ) -> DetectedObject:
     kind = catalogue.types.get(detection.type)
     T_frame_support = T_frame_camera @ scene.supports[detection.support].T_camera_support
-    _foot(detection, T_frame_support, T_frame_camera)
+    T_frame_model = T_frame_camera @ detection.T_camera_model
+    in_frame = _turned(detection.covariance, T_frame_support)
+    in_world = in_frame
+    if extrinsic is not None:
+        in_world = with_extrinsic(in_frame, T_frame_model[:3, 3], T_frame_camera[:3, 3], extrinsic)
     length, width, height = (float(edge) for edge in detection.size)
     return DetectedObject(
+        id=name,
         type=detection.type,
         code=kind.code if kind is not None else None,
         score=float(np.clip(detection.score, 0, 1)),
-        pose=pose_of(T_frame_camera @ detection.T_camera_model),
+        pose=pose_of(T_frame_model),
         size=(length, width, height),
-        covariance=tuple(float(v) for v in _turned(detection.covariance, T_frame_support).ravel()),
+        covariance=_row_by_row(in_frame),
+        covariance_support=_row_by_row(detection.covariance),
+        covariance_world=_row_by_row(in_world),
         visible_fraction=float(np.clip(detection.visible_fraction, 0, 1)),
         measured_height=max(float(detection.measured_height), 0.0),
         support=Support(
@@ -123,6 +221,10 @@ def _object_of(
         runner_up=detection.runner_up or "",
         equivalent_poses=tuple(pose_of(T_frame_camera @ T) for T in detection.equivalents),
     )
+
+
+def _row_by_row(covariance: NDArray[np.float64]) -> tuple[float, ...]:
+    return tuple(float(value) for value in covariance.ravel())
 
 
 def _turned(covariance: NDArray[np.float64], T: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -16,6 +16,7 @@ from pydantic import ValidationError
 from zsight.errors import UsageError
 from zsight_core.atomic_file import atomic_file
 from zsight_core.errors import CoreError
+from zsight_protocol.find_object import ANY_TYPE
 from zsight_protocol.object_type import ObjectType
 
 if TYPE_CHECKING:
@@ -234,8 +235,11 @@ def require_type_name(name: str) -> None:
     Raises:
         UsageError: it cannot.
     """
-    if not _NAME.fullmatch(name):
-        raise UsageError(f"no type can be called {name!r}; expected lower-case letters, digits and '_', a letter first")
+    if not _NAME.fullmatch(name) or name == ANY_TYPE:
+        raise UsageError(
+            f"no type can be called {name!r}; expected lower-case letters, digits and '_', a letter first, and not"
+            f" {ANY_TYPE}, which means all types"
+        )
 
 
 def _model_of(kind: ObjectType, folder: Path) -> ObjectModel:

@@ -12,6 +12,7 @@ from zsight.errors import DeadlinePassed, UsageError
 from zsight.object_catalogue import require_type_name
 from zsight_core import scene as scene_core
 from zsight_core.errors import Cancelled
+from zsight_protocol.find_object import ANY_TYPE
 from zsight_protocol.message import Header, Time
 
 if TYPE_CHECKING:
@@ -59,7 +60,7 @@ def find_in_file(
     """
     folders = [object_catalogue.shipped_folder(), *([catalogue] if catalogue is not None else [])]
     types = object_catalogue.load(*folders)
-    name = types.resolve(object_type).name
+    name = object_type if object_type == ANY_TYPE else types.resolve(object_type).name
     cloud = cloud_input.read(path, intrinsics)
     points = cloud.points
     T_world_camera = cloud_input.camera_pose(pose, cloud)
@@ -92,7 +93,14 @@ def find_in_file(
         raise DeadlinePassed(f"no answer within {timeout:g} s: stopped at stage {stopped}") from None
     stamp = Time.from_ns(path.stat().st_mtime_ns)
     result = finding.result_of(
-        answer, types, scene=scene, T_frame_camera=T_frame_camera, stamp=stamp, frame_id=frame, finder="in-process"
+        answer,
+        types,
+        scene=scene,
+        T_frame_camera=T_frame_camera,
+        stamp=stamp,
+        frame_id=frame,
+        finder="in-process",
+        extrinsic=None if T_world_camera is None else finding.Extrinsic(),
     )
     if picture is not None:
         from zsight.pictures import draw_answer

@@ -42,10 +42,12 @@ PUBLIC = {
     "codec": ["ALIGNMENT", "decode", "encode", "encode_parts"],
     "errors": ["DecodeError", "EncodeError", "KeyNameError", "ProtocolError", "shortened"],
     "find_object": [
+        "ANY_TYPE",
         "Capture",
         "DetectedObject",
         "FindObjectGoal",
         "FindObjectResult",
+        "Obstacle",
         "ResultCode",
         "Status",
         "Support",

@@ -233,6 +233,55 @@ def test_a_cloud_without_data_ends_no_scenes(start: Callable[..., Stage], caplog
     assert taken(scenes).header.stamp == stamp
 
 
+# Followed.
+
+
+def shifted(points: Points, metres: float) -> Points:
+    """The cloud as if the camera had moved sideways by so much."""
+    moved = points.copy()
+    moved["x"] += np.float32(metres)
+    return moved
+
+
+def test_an_object_keeps_its_name_while_it_moves_a_little(start: Callable[..., Stage]) -> None:
+    stage = start(oldest=100)
+    first = stage.points
+    names = []
+    for metres in (0.0, 0.05, 0.1, 0.4):
+        stage.points = shifted(first, metres)
+        stamp = stage.show()
+        assert soon(lambda stamp=stamp: stage.client.find("table_surface").header.stamp == stamp)  # type: ignore[misc]  # bound now
+        (block,) = stage.client.find("toy_block").objects
+        names.append(block.id)
+    assert names == ["toy_block-1", "toy_block-1", "toy_block-1", "toy_block-2"]
+
+
+def test_all_types_at_once_and_what_is_not_known(start: Callable[..., Stage]) -> None:
+    stage = start(oldest=100)
+    stage.show()
+    everything = stage.client.find("any", maximum=0, timeout=60)
+    assert {found.type for found in everything.objects} == {"table_surface", "toy_block"}
+    labels = {obstacle.label for obstacle in everything.obstacles}
+    nothing = stage.client.find("mug", timeout=60)
+    assert nothing.objects == ()
+    T_world_box = [matrix_of(o.pose) for o in nothing.obstacles if o.label not in labels and o.label]
+    (block,) = T_world_box
+    assert block[:2, 3] == pytest.approx(T_WORLD_BLOCK[:2, 3], abs=0.03)
+
+
+def test_the_cameras_own_doubt_is_told_apart(start: Callable[..., Stage]) -> None:
+    stage = start(extrinsic_position=0.003, extrinsic_rotation=0.0)
+    stage.show()
+    (block,) = stage.client.find("toy_block").objects
+    assert block.covariance_world is not None
+    assert block.covariance_support is not None
+    world, own = (np.reshape(c, (6, 6)) for c in (block.covariance_world, block.covariance))
+    np.testing.assert_allclose(world - own, np.diag([9e-6, 9e-6, 9e-6, 0, 0, 0]), atol=1e-12)
+    assert np.trace(np.reshape(block.covariance_support, (6, 6))) == pytest.approx(np.trace(own))
+    (seen,) = stage.client.find("toy_block", frame=FRAME).objects
+    assert seen.covariance_world == seen.covariance
+
+
 # Taught.
 
 

@@ -14,7 +14,7 @@ from zsight.errors import UsageError
 
 if TYPE_CHECKING:
     from zsight.merging import MergedAnswer, MergedObject
-    from zsight_protocol.find_object import DetectedObject, FindObjectResult
+    from zsight_protocol.find_object import DetectedObject, FindObjectResult, Obstacle
     from zsight_protocol.geometry import Region
 
 __all__ = ["describe", "find", "result_json"]
@@ -23,7 +23,10 @@ __all__ = ["describe", "find", "result_json"]
 def find(
     context: typer.Context,
     object_type: Annotated[
-        str, typer.Argument(metavar="TYPE", help="Catalogue name or the book's number, such as toy_block or 1000.")
+        str,
+        typer.Argument(
+            metavar="TYPE", help="Catalogue name or the book's number, such as toy_block or 1000; any for all types."
+        ),
     ],
     json: Json = False,
     frame: Annotated[str, typer.Option("--frame", help="Frame of the answer; the world's if not given.")] = "",
@@ -134,6 +137,7 @@ def result_json(result: FindObjectResult) -> dict[str, Any]:
         "frame_id": result.header.frame_id,
         "message": result.message,
         "objects": [_object_json(found) for found in result.objects],
+        "obstacles": [_obstacle_json(obstacle) for obstacle in result.obstacles],
         "p_absent": result.p_absent,
         "report": result.report,
         "timings_ms": result.timings_ms,
@@ -143,6 +147,7 @@ def result_json(result: FindObjectResult) -> dict[str, Any]:
 def _object_json(found: DetectedObject) -> dict[str, Any]:
     place, turn = found.pose.position, found.pose.orientation
     return {
+        "id": found.id,
         "type": found.type,
         "code": found.code,
         "score": found.score,
@@ -150,6 +155,8 @@ def _object_json(found: DetectedObject) -> dict[str, Any]:
         "orientation": [turn.x, turn.y, turn.z, turn.w],
         "size": list(found.size),
         "covariance": list(found.covariance),
+        "covariance_support": found.covariance_support,
+        "covariance_world": found.covariance_world,
         "visible_fraction": found.visible_fraction,
         "measured_height": found.measured_height,
         "support": None if found.support is None else found.support.model_dump(),
@@ -197,6 +204,17 @@ def _describe_merged_one(thing: MergedObject) -> list[str]:
     if thing.denied:
         lines.append(f"  not found by {', '.join(thing.denied)}")
     return lines
+
+
+def _obstacle_json(obstacle: Obstacle) -> dict[str, Any]:
+    place, turn = obstacle.pose.position, obstacle.pose.orientation
+    return {
+        "label": obstacle.label,
+        "points": obstacle.points,
+        "position": [place.x, place.y, place.z],
+        "orientation": [turn.x, turn.y, turn.z, turn.w],
+        "size": list(obstacle.size),
+    }
 
 
 def describe(result: FindObjectResult) -> str:
