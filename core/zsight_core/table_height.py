@@ -156,17 +156,20 @@ def _slab_counts(
     counts = np.zeros((4, slabs + 1), np.int64)  # neighbours mostly fall into one slab: four counters do not wait
     tile = new_tile()
     heights = np.empty(TILE, np.float32)
-    slab = np.empty(TILE, np.int32)
+    slab = np.empty(TILE, np.uint32)
     for start in range(0, len(words) // layout[0], TILE):
         load_tile(words, layout, -1, start, tile)
         _heights(tile, motion, region, heights)
-        _slabs(heights, edges, slab)
+        inside, doubtful = _slabs(heights, edges, slab)
+        if inside == 0:
+            continue
+        if doubtful > 0:
+            _settle(heights, edges, slab, counts)
         for i in range(0, TILE, 4):
             counts[0, slab[i]] += 1
             counts[1, slab[i + 1]] += 1
             counts[2, slab[i + 2]] += 1
             counts[3, slab[i + 3]] += 1
-        _count_edges(heights, slab, edges, counts)
     total: NDArray[np.int64] = counts.sum(axis=0)[:slabs]
     return total
 
@@ -188,33 +191,45 @@ def _heights(
 
 
 @njit(cache=True, nogil=True)
-def _slabs(heights: NDArray[np.float32], edges: NDArray[np.float32], slab: NDArray[np.int32]) -> None:
-    """Number of the slab of each height, the upper one on an edge; the number of slabs for a height in none."""
-    last = np.int32(len(edges) - 1)
-    low, high = edges[0], edges[last]
-    scale = np.float32(last) / (high - low)
+def _slabs(heights: NDArray[np.float32], edges: NDArray[np.float32], slab: NDArray[np.uint32]) -> tuple[int, int]:
+    """Number of the slab of each height, the number of slabs for a height in none.
+
+    Returns:
+        How many heights lie in a slab; and how many so near an edge that the quotient's rounding may deceive.
+    """
+    last = len(edges) - 1
+    low, high, none = edges[0], edges[last], np.float32(last)
+    scale = none / (high - low)
+    near = np.float32(1e-6) * none + np.float32(4e-7) * scale * max(abs(low), abs(high))
+    inside = doubtful = np.int32(0)
     for i in range(TILE):
-        inside = (heights[i] >= low) & (heights[i] <= high)
-        slab[i] = np.int32((heights[i] - low if inside else np.float32(0)) * scale)
-    for i in range(TILE):  # the quotient rounds; the edges decide
-        k = min(slab[i], last - 1)
-        k = k - 1 if k > 0 and heights[i] < edges[k] else k
-        k = k + 1 if k < last - 1 and heights[i] >= edges[k + 1] else k
-        slab[i] = k if (heights[i] >= low) & (heights[i] <= high) else last
+        within = (heights[i] >= low) & (heights[i] <= high)
+        place = (heights[i] - low) * scale
+        floor = np.floor(place)
+        doubt = within & ((place - floor < near) | (place - floor > np.float32(1) - near))
+        slab[i] = np.int32(floor if within else none)
+        inside += np.int32(1) if within else np.int32(0)
+        doubtful += np.int32(1) if doubt else np.int32(0)
+    return int(inside), int(doubtful)
 
 
 @njit(cache=True, nogil=True)
-def _count_edges(
-    heights: NDArray[np.float32], slab: NDArray[np.int32], edges: NDArray[np.float32], counts: NDArray[np.int64]
+def _settle(
+    heights: NDArray[np.float32], edges: NDArray[np.float32], slab: NDArray[np.uint32], counts: NDArray[np.int64]
 ) -> None:
-    """A height on an edge counts in the slab below as well."""
-    on_edge = False
+    """Let the edges decide; a height on an edge goes to the slab above and counts in the one below as well."""
+    last = len(edges) - 1
     for i in range(TILE):
-        on_edge |= heights[i] == edges[slab[i]]
-    if on_edge:
-        for i in range(TILE):
-            if heights[i] == edges[slab[i]] and 0 < slab[i] < len(edges) - 1:
-                counts[0, slab[i] - 1] += 1
+        if not (heights[i] >= edges[0] and heights[i] <= edges[last]):
+            continue
+        k = min(int(slab[i]), last - 1)
+        while k > 0 and heights[i] < edges[k]:
+            k -= 1
+        while k < last - 1 and heights[i] >= edges[k + 1]:
+            k += 1
+        slab[i] = k
+        if k > 0 and heights[i] == edges[k]:
+            counts[0, k - 1] += 1
 
 
 @njit(cache=True, nogil=True)

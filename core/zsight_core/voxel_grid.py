@@ -400,7 +400,7 @@ def _totals(
         corners[here, 1] = cells[run, 1]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")  # no voxel is empty, and a test for it would cost a tenth
 def _emit(
     totals: NDArray[np.int64],
     corners: NDArray[np.int32],

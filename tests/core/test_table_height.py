@@ -1,9 +1,12 @@
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 from tests.core.clouds import LAYOUTS, finite, in_layout, random_cloud
 
@@ -41,6 +44,20 @@ def test_points_on_an_edge_count_on_both_sides() -> None:
     edges = np.array([0.0, 0.25, 0.5, 0.75])
     cloud = from_xyz([[0, 0, z] for z in (0.0, 0.25, 0.25, 0.5, 0.6, 0.75, 0.76, -0.01)])
     assert_array_equal(slab_counts(cloud, np.eye(4), edges), [3, 3, 3])
+
+
+@settings(max_examples=40)
+@given(st.integers(0, 2**31), st.sampled_from([0.005, 0.01, 1 / 3]), st.floats(-3, 3))
+def test_heights_a_rounding_from_an_edge_fall_where_the_filter_puts_them(seed: int, slab: float, low: float) -> None:
+    rng = np.random.default_rng(seed)
+    edges = [low]
+    for _ in range(60):
+        edges.append(edges[-1] + slab)
+    z = np.float32(rng.choice(edges, 700))
+    for _ in range(2):
+        z = np.where(rng.random(700) < 0.5, np.nextafter(z, np.float32(rng.choice([-9, 9]))), z)
+    counts = slab_counts(from_xyz(np.column_stack([z, z, z])), np.eye(4), np.array(edges))
+    assert_array_equal(counts, [((z >= np.float32(a)) & (z <= np.float32(b))).sum() for a, b in pairwise(edges)])
 
 
 def room_with_table(seed: int = 0) -> tuple[Any, np.ndarray[Any, Any]]:
