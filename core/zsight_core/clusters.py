@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numba import njit
 
+from zsight_core.disjoint_sets import root_of
 from zsight_core.errors import GeometryError, PointsError
 from zsight_core.neighbour_grid import cell_at, grid_of
 from zsight_core.tile import TILE, load_tile, new_tile
@@ -180,15 +181,6 @@ def _between(
 
 
 @njit(cache=True, nogil=True)
-def _root(parent: NDArray[np.int64], i: int) -> int:
-    """Representative of the set that holds `i`, halving the path on the way (Tarjan and van Leeuwen 1984)."""
-    while parent[i] != i:
-        parent[i] = parent[parent[i]]
-        i = parent[i]
-    return i
-
-
-@njit(cache=True, nogil=True)
 def _joined(
     xyz: NDArray[np.float32],
     starts: NDArray[np.int64],
@@ -207,13 +199,13 @@ def _joined(
             there = cell_at(keys, table, keys[here] + jump)
             if there < 0:
                 continue
-            mine, other = _root(parent, here), _root(parent, there)
+            mine, other = root_of(parent, here), root_of(parent, there)
             if mine == other or _box_gap(boxes[here], boxes[there]) > limit:
                 continue
             if _touch(xyz, starts[here], starts[here + 1], starts[there], starts[there + 1], boxes[there], limit):
                 parent[max(mine, other)] = min(mine, other)
     for cell in range(cells):
-        parent[cell] = _root(parent, cell)
+        parent[cell] = root_of(parent, cell)
     return parent
 
 
@@ -295,12 +287,12 @@ def _image_roots(
                 continue
             dx, dy, dz = x - words[step * j + at_x], y - words[step * j + at_y], z - words[step * j + at_z]
             if dx * dx + dy * dy + dz * dz <= limit:
-                mine, other = _root(parent, i), _root(parent, j)
+                mine, other = root_of(parent, i), root_of(parent, j)
                 parent[max(mine, other)] = min(mine, other)
     root = np.full(len(mask), -1, np.int32)
     for i in range(len(mask)):
         if parent[i] >= 0:
-            root[i] = _root(parent, i)
+            root[i] = root_of(parent, i)
     return root
 
 

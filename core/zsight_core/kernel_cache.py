@@ -19,7 +19,9 @@ __all__ = ["SHARED", "folder", "is_stamped", "stamp", "use"]
 
 SHARED = (
     "contour.py",
+    "disjoint_sets.py",
     "eight_bytes.py",
+    "image_normals.py",
     "moments.py",
     "neighbour_grid.py",
     "number_kinds.py",

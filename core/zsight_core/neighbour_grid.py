@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from zsight_core.words import Words
 
-__all__ = ["NeighbourGrid", "cell_at", "cell_key", "cell_of", "finite_points", "grid_of", "warm_up"]
+__all__ = ["NeighbourGrid", "block_around", "cell_at", "cell_key", "cell_of", "finite_points", "grid_of", "warm_up"]
 
 _REACH = 2**20
 """Cell numbers along an axis lie in -REACH .. REACH-1, so that three of them fit one 64-bit key."""
@@ -86,6 +86,43 @@ def cell_at(keys: NDArray[np.int64], table: NDArray[np.int32], key: int) -> int:
 
 
 @njit(cache=True, nogil=True)
+def block_around(
+    xyz: NDArray[np.float32],
+    starts: NDArray[np.int64],
+    keys: NDArray[np.int64],
+    table: NDArray[np.int32],
+    cell: int,
+    room: NDArray[np.float32],
+) -> tuple[NDArray[np.float32], int]:
+    """The points of a cell and of the 26 cells around it side by side: (3, M) of which the first so many count.
+
+    Args:
+        xyz: points of the `NeighbourGrid`.
+        starts: its beginnings of cells.
+        keys: its keys.
+        table: its table.
+        cell: number of the cell in the middle.
+        room: (3, M) of the last call, or anything: used again if it is large enough.
+    """
+    around = np.empty(27, np.int64)
+    count = 0
+    for step in range(27):
+        x, y, z = step % 3 - 1, step // 3 % 3 - 1, step // 9 - 1
+        around[step] = cell_at(keys, table, keys[cell] + x + (y << 21) + (z << 42))
+        if around[step] >= 0:
+            count += starts[around[step] + 1] - starts[around[step]]
+    if count > room.shape[1]:
+        room = np.empty((3, 2 * count), np.float32)
+    used = 0
+    for near in around:
+        if near >= 0:
+            for i in range(starts[near], starts[near + 1]):
+                room[0, used], room[1, used], room[2, used] = xyz[i, 0], xyz[i, 1], xyz[i, 2]
+                used += 1
+    return room, count
+
+
+@njit(cache=True, nogil=True)
 def _place(keys: NDArray[np.int64], table: NDArray[np.int32], key: int) -> int:
     """Where the key stands in the table, or the free place where it belongs."""
     mask = len(table) - 1
@@ -153,3 +190,4 @@ def warm_up() -> None:
     grid = grid_of(np.zeros((2, 3), np.float32), 1.0)
     cell_at(grid.keys, grid.table, cell_key(0, 0, 0))
     cell_of(0.5, 1.0)
+    block_around(grid.xyz, grid.starts, grid.keys, grid.table, 0, np.empty((3, 0), np.float32))

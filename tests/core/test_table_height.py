@@ -53,9 +53,9 @@ def test_heights_a_rounding_from_an_edge_fall_where_the_filter_puts_them(seed: i
     edges = [low]
     for _ in range(60):
         edges.append(edges[-1] + slab)
-    z = np.float32(rng.choice(edges, 700))
+    z = rng.choice(edges, 700).astype(np.float32)
     for _ in range(2):
-        z = np.where(rng.random(700) < 0.5, np.nextafter(z, np.float32(rng.choice([-9, 9]))), z)
+        z = np.where(rng.random(700) < 0.5, np.nextafter(z, np.float32(rng.choice([-9, 9])), dtype=np.float32), z)
     counts = slab_counts(from_xyz(np.column_stack([z, z, z])), np.eye(4), np.array(edges))
     assert_array_equal(counts, [((z >= np.float32(a)) & (z <= np.float32(b))).sum() for a, b in pairwise(edges)])
 

@@ -1,0 +1,252 @@
+"""Points that stand alone: left out by how many others are near, or by how far the nearest others are."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numba import njit
+
+from zsight_core.errors import GeometryError
+from zsight_core.neighbour_grid import block_around, finite_points, grid_of
+from zsight_core.take import take
+from zsight_core.words import words_of
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from zsight_core.points import Points
+
+__all__ = ["remove_radius_outliers", "remove_statistical_outliers", "warm_up"]
+
+_SAMPLE = 32
+"""Points whose neighbours tell how wide cells must be."""
+
+
+def remove_radius_outliers(points: Points, radius: float, least: int, out: Points | None = None) -> Points:
+    """The points that have at least so many others within a radius: (1, M), all fields kept; what PCL's filter keeps.
+
+    Args:
+        points: (H, W), metres; holes are left out.
+        radius: metres.
+        least: other points.
+        out: room for the result, contiguous, at least M points; the result is then a view of it.
+
+    Raises:
+        GeometryError: radius or `least` not above zero, or the radius so small that the grid overflows.
+    """
+    if not (math.isfinite(radius) and radius > 0 and least > 0):
+        raise GeometryError(f"{least} points within {radius} m; expected numbers above zero")
+    xyz, index = finite_points(words_of(points))
+    keep = np.zeros(points.size, np.bool_)
+    if len(xyz):
+        grid = grid_of(xyz, radius)
+        _crowded(grid.xyz, grid.starts, grid.keys, grid.table, index[grid.order], radius, least + 1, keep)
+    return take(points, keep.reshape(points.shape), out)
+
+
+def remove_statistical_outliers(
+    points: Points, neighbours: int, deviations: float, out: Points | None = None
+) -> Points:
+    """The points whose neighbours are not unusually far: (1, M), all fields kept; what PCL's filter keeps.
+
+    Method (Rusu et al. 2008): for each point the mean distance of its nearest neighbours; kept are those where it is
+    at most the mean of these means plus so many of their standard deviations. Neighbours are sought in cells about as
+    wide as the farthest of them is far; where that does not reach far enough, in cells twice as wide, and so on.
+
+    Args:
+        points: (H, W), metres; holes are left out.
+        neighbours: how many, itself not counted.
+        deviations: standard deviations above the mean.
+        out: room for the result, contiguous, at least M points; the result is then a view of it.
+
+    Raises:
+        GeometryError: `neighbours` not above zero; fewer points than that; `deviations` is NaN.
+    """
+    xyz, index = finite_points(words_of(points))
+    if not (0 < neighbours < max(len(xyz), 1)) or math.isnan(deviations):
+        raise GeometryError(
+            f"{neighbours} neighbours in {len(xyz)} points, {deviations} deviations; expected fewer than points"
+        )
+    far = _mean_distances(xyz, neighbours)
+    keep = np.zeros(points.size, np.bool_)
+    keep[index] = far <= far.mean() + deviations * far.std(ddof=1)
+    return take(points, keep.reshape(points.shape), out)
+
+
+def _mean_distances(xyz: NDArray[np.float32], neighbours: int) -> NDArray[np.float64]:
+    """Mean distance (N,) of each point's nearest neighbours."""
+    far = np.full(len(xyz), np.nan)
+    sample = xyz[np.linspace(0, len(xyz) - 1, _SAMPLE).astype(np.int64)]
+    reach = _reaches(xyz, sample, neighbours + 1)
+    edge = max(float(np.quantile(reach, 0.9)), float(np.abs(xyz).max()) * 1e-5, 1e-6)
+    while np.isnan(far).any():
+        grid = grid_of(xyz, edge)
+        _add_distances(grid.xyz, grid.starts, grid.keys, grid.table, grid.order, edge, neighbours + 1, far)
+        edge *= 2
+    return far
+
+
+@njit(cache=True, nogil=True)
+def _reaches(xyz: NDArray[np.float32], sample: NDArray[np.float32], count: int) -> NDArray[np.float64]:
+    """How far the `count`-th nearest point is from each of the sample."""
+    columns, squares = np.ascontiguousarray(xyz.T), np.empty(len(xyz), np.float32)
+    reach = np.empty(len(sample))
+    for i in range(len(sample)):
+        _squares(columns[0], columns[1], columns[2], sample[i], squares)
+        reach[i] = math.sqrt(_limit_of_least(squares, count, squares.max()))
+    return reach
+
+
+@njit(cache=True, nogil=True)
+def _add_distances(
+    xyz: NDArray[np.float32],
+    starts: NDArray[np.int64],
+    keys: NDArray[np.int64],
+    table: NDArray[np.int32],
+    order: NDArray[np.int64],
+    edge: float,
+    count: int,
+    far: NDArray[np.float64],
+) -> None:
+    """Mean distance of the `count` nearest points, itself (0 m) not counted, where all are sure to lie in the block."""
+    room, squares = np.empty((3, 1024), np.float32), np.empty(1024, np.float32)
+    inverse = 1.0 / edge
+    for cell in range(len(keys)):
+        if not np.isnan(far[order[starts[cell] : starts[cell + 1]]]).any():
+            continue
+        room, found = block_around(xyz, starts, keys, table, cell, room)
+        if found < count:
+            continue
+        squares = np.empty(room.shape[1], np.float32) if room.shape[1] > len(squares) else squares
+        for i in range(starts[cell], starts[cell + 1]):
+            if math.isnan(far[order[i]]):
+                near = squares[:found]
+                _squares(room[0], room[1], room[2], xyz[i], near)
+                sure = np.float32(_sure(xyz[i], inverse, edge))
+                last = _limit_of_least(near, count, sure * sure)
+                if last < np.inf:
+                    far[order[i]] = _sum_of_least(near, last, count) / (count - 1)
+
+
+@njit(cache=True, nogil=True)
+def _sure(point: NDArray[np.float32], inverse: float, edge: float) -> float:
+    """How far from a point its own and the 26 cells around reach at least; a little less, for the rounding."""
+    least = np.inf
+    for axis in range(3):
+        place = point[axis] * inverse - np.floor(point[axis] * inverse)
+        least = min(least, 1.0 + place, 2.0 - place)
+    return least * edge * (1.0 - 1e-5)
+
+
+@njit(cache=True, nogil=True)
+def _squares(
+    x: NDArray[np.float32],
+    y: NDArray[np.float32],
+    z: NDArray[np.float32],
+    point: NDArray[np.float32],
+    out: NDArray[np.float32],
+) -> None:
+    """Squared distances from a point."""
+    px, py, pz = point[0], point[1], point[2]
+    for i in range(len(out)):
+        dx, dy, dz = x[i] - px, y[i] - py, z[i] - pz
+        out[i] = dx * dx + dy * dy + dz * dz
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _limit_of_least(squares: NDArray[np.float32], count: int, most: Any) -> Any:
+    """The `count`-th least of numbers >= 0, or one between it and the next; infinity where fewer are up to `most`.
+
+    By counting those up to a limit, which takes one instruction for eight of them; no selection that swaps comes near.
+    The limit is guessed in proportion (on a surface, as many points lie within a radius as its square says) and halved
+    in turns, by its bits, which are ordered as the numbers are.
+    """
+    number = np.full(1, most, np.float32)
+    bits = number.view(np.int32)
+    low, high = np.int32(-1), bits[0]
+    fewer, more = 0, _count_up_to(squares, number[0])
+    below, above = np.float32(0), number[0]
+    if more < count:
+        return np.float32(np.inf)
+    turn = 0
+    while more > count and high - low > 1:
+        number[0] = below + (above - below) * np.float32((count - fewer + 0.5) / (more - fewer))
+        if turn & 1 or not low < bits[0] < high:
+            bits[0] = low + (high - low) // 2
+        turn += 1
+        found = _count_up_to(squares, number[0])
+        if found >= count:
+            high, above, more = bits[0], number[0], found
+        else:
+            low, below, fewer = bits[0], number[0], found
+    return above
+
+
+@njit(cache=True, nogil=True)
+def _count_up_to(squares: NDArray[np.float32], limit: Any) -> Any:
+    count = np.int32(0)
+    for i in range(len(squares)):
+        count += np.int32(1) if squares[i] <= limit else np.int32(0)
+    return np.int64(count)
+
+
+@njit(cache=True, nogil=True, fastmath={"reassoc", "nsz", "contract"})  # a sum in any order is as good
+def _sum_of_least(squares: NDArray[np.float32], last: Any, count: int) -> float:
+    """Sum of the roots of the `count` least squares, which are those up to `last`, but for ties."""
+    total, used = np.float32(0), np.float32(0)
+    for i in range(len(squares)):
+        near = squares[i] <= last
+        total += np.sqrt(squares[i]) if near else np.float32(0)
+        used += np.float32(1) if near else np.float32(0)
+    return float(total) - (float(used) - count) * math.sqrt(last)
+
+
+@njit(cache=True, nogil=True)
+def _crowded(
+    xyz: NDArray[np.float32],
+    starts: NDArray[np.int64],
+    keys: NDArray[np.int64],
+    table: NDArray[np.int32],
+    index: NDArray[np.int64],
+    radius: float,
+    least: int,
+    keep: NDArray[np.bool_],
+) -> None:
+    """Mark the points with so many, themselves included, within the radius."""
+    limit = np.float32(radius) * np.float32(radius)
+    room = np.empty((3, 1024), np.float32)
+    for cell in range(len(keys)):
+        room, count = block_around(xyz, starts, keys, table, cell, room)
+        if count < least:
+            continue
+        for i in range(starts[cell], starts[cell + 1]):
+            near = 0
+            for start in range(0, count, 256):
+                end = min(start + 256, count)
+                near += _within(room[0, start:end], room[1, start:end], room[2, start:end], xyz[i], limit)
+                if near >= least:
+                    keep[index[i]] = True
+                    break
+
+
+@njit(cache=True, nogil=True)
+def _within(
+    x: NDArray[np.float32], y: NDArray[np.float32], z: NDArray[np.float32], point: NDArray[np.float32], limit: Any
+) -> Any:
+    """How many points lie within a squared distance of a point."""
+    px, py, pz = point[0], point[1], point[2]
+    near = np.int32(0)
+    for i in range(len(x)):
+        dx, dy, dz = x[i] - px, y[i] - py, z[i] - pz
+        near += np.int32(1) if dx * dx + dy * dy + dz * dz <= limit else np.int32(0)
+    return np.int64(near)
+
+
+def warm_up() -> None:
+    """Compile the kernels of this file."""
+    from zsight_core.points import from_xyz
+
+    remove_radius_outliers(from_xyz(np.zeros((3, 3))), 1.0, 1)
+    remove_statistical_outliers(from_xyz(np.eye(4, 3)), 2, 1.0)
