@@ -3,7 +3,7 @@
 SHELL := bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help install warm demo test check format bench lock clean
+.PHONY: help install warm demo test bounds check format bench lock clean
 
 PYTHON ?= $(shell for p in python3.11 python3; do \
 	$$p -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && echo $$p && break; done)
@@ -34,6 +34,10 @@ demo: warm  ## find the toy block in a simulated scene, with every process of it
 
 test: warm  ## run all tests
 	$(BIN)/python -m pytest
+
+bounds: $(STAMP)  ## run the laws of the kernels once with every index checked, in a cache of its own
+	NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR=$(CURDIR)/.cache/bounds $(BIN)/python -m pytest -q --timeout 600 \
+		tests/core/test_kernel_laws.py tests/core/test_image_normals.py tests/core/test_multi_plane.py
 
 check: $(STAMP)  ## format, lint, types, imports
 	$(BIN)/ruff format --check

@@ -8,6 +8,7 @@ import numpy as np
 from numba import njit
 
 from zsight_core.errors import GeometryError
+from zsight_core.filters import finite_mask
 from zsight_core.plane import Plane, frame_on_plane, heights
 from zsight_core.points import xyz
 from zsight_core.take import take
@@ -58,7 +59,8 @@ def _over(points: Points, plane: Plane, surface: NDArray[np.bool_], candidates: 
     """Which candidates lie over the convex outline of the surface."""
     T = frame_on_plane(plane, plane.normal * plane.distance)
     coordinates = xyz(points)
-    outline = _outline(coordinates[surface] @ T[:3, :2].astype(np.float32))
+    shown = coordinates[surface & finite_mask(points)]
+    outline = _outline(shown @ T[:3, :2].astype(np.float32))
     over = np.zeros(candidates.shape, np.bool_)
     over[candidates] = _within(coordinates[candidates] @ T[:3, :2].astype(np.float32), outline)
     return over

@@ -47,6 +47,8 @@ def connected_to(
             raise PointsError(f"mask has shape {mask.shape} and type {mask.dtype}; expected {points.shape} and bool")
     if not (math.isfinite(gap) and gap > 0):
         raise GeometryError(f"gap is {gap} m; expected a length above zero")
+    if points.size == 0:
+        return member.copy()
     cloud = words_of(points)
     free = np.ascontiguousarray(member).reshape(-1).copy()
     seeds = np.flatnonzero(np.ascontiguousarray(patch).reshape(-1))

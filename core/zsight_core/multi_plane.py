@@ -86,6 +86,8 @@ def planes_of_image(
     if not (least > 0 and 0 < angle < math.pi and distance > 0 and depth_change > 0):
         raise GeometryError(f"thresholds are {least}, {angle}, {distance}, {depth_change}; expected numbers above zero")
     cloud = words_of(points)
+    if min(cloud.shape) < 2 * _WINDOW:
+        return PlanesOfImage(np.full(cloud.shape, -1, np.int32), ())
     cells, edges = _cells(cloud, depth_change)
     runs = _linked_runs(cells, edges, math.cos(min(_TURN * angle, math.pi)), _STEP * distance)
     planes, sums, number = _region_planes(cells, edges.shape[1], runs, max(4, least // 8))
