@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from one_hop import free_endpoint
+from progress import tell
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -34,7 +35,7 @@ HERE = Path(__file__).resolve().parent
 DORA = Path(os.environ.get("ZSIGHT_BENCH_DORA", HERE.parent.parent / "dora-venv"))
 """Virtual environment of its own with dora-rs, dora-rs-cli, numpy, numba and scipy."""
 
-_START = 60.0  # seconds for a chain to deliver its first cloud; kernels may have to be compiled
+_START = 30.0  # seconds for a chain to deliver its first clouds; kernels were compiled before
 _SKIP = 15  # clouds of a turn that do not count
 _TICKS = os.sysconf("SC_CLK_TCK")
 
@@ -86,9 +87,10 @@ def measure(points: Points, *, rate: float = 30.0, seconds: float = 4.0, turns: 
         np.save(setting.array, points)
         pcd.write(setting.pcd, points)
         setting.raw.write_bytes(points.tobytes())
-        for _ in range(turns):
+        for turn in range(turns):
             for name, chain in CHAINS.items():
                 if not figures[name].reason:
+                    tell(f"chain {setting.width}x{setting.height}, turn {turn + 1} of {turns}: {name}")
                     _take_turn(chain, setting, seconds, figures[name])
     return figures
 

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 import time
 from contextlib import ExitStack
 from typing import Any
 
 import numpy as np
 from bus_processes import Member, burner, cell, member, reader, router, writer
+from progress import tell
 
 _RATE = 30.0
 _SLOW = 0.3  # seconds that the slow reader works on each cloud
@@ -53,7 +53,7 @@ class _Soak:
 
     def __init__(self, members: dict[str, Member]) -> None:
         self._members = members
-        self._began = self._told = time.monotonic()
+        self._told = time.monotonic()
         self.sent = 0
         self.counts: dict[str, dict[str, Any]] = {}
         self.seen: dict[str, list[tuple[float, float, int]]] = {name: [] for name in members if "reader" in name}
@@ -73,7 +73,7 @@ class _Soak:
     def _tell(self) -> None:
         self._told = time.monotonic()
         words = (f"{name} {c['received']} received, {c['lost']} lost" for name, c in self.counts.items())
-        print(f"{self._told - self._began:.0f} s: {self.sent} sent; {'; '.join(words)}", file=sys.stderr, flush=True)
+        tell(f"{self.sent} sent; {'; '.join(words)}")
 
 
 def _rows(soak: _Soak, grown: dict[str, int], burners: int) -> list[dict[str, Any]]:

@@ -14,6 +14,7 @@ import numpy as np
 from bench_clouds import DATA, synthetic
 from chain import measure as measure_chain
 from one_hop import measure as measure_hop
+from progress import tell
 
 if TYPE_CHECKING:
     from chain import Figures
@@ -28,8 +29,8 @@ CHAIN_TARGETS = {"bare zenoh": 1.3, "roscpp": 0.5, "dora-rs": 0.4}
 Row = dict[str, Any]
 
 
-def run(clouds: int = 80, seconds: float = 3.0, turns: int = 2) -> list[Row]:
-    """Measure everything, in about three minutes on a quiet machine of two cores.
+def run(clouds: int = 80, seconds: float = 3.0, turns: int = 3) -> list[Row]:
+    """Measure everything, in three to five minutes on two cores; says on stderr how far it is.
 
     Args:
         clouds: that go through each system of a hop.
@@ -40,12 +41,17 @@ def run(clouds: int = 80, seconds: float = 3.0, turns: int = 2) -> list[Row]:
         Rows as ``zsight bench --json`` prints them: value is ours, ratio ours by the peer's.
     """
     table, wide = table_scene(), synthetic()
-    rows = hop_rows("one hop 640x480", measure_hop(table, clouds), 1.2)
-    rows += hop_rows("one hop 1280x720", measure_hop(wide, clouds // 2), None)
+    rows = _hop("one hop 640x480", table, clouds, 1.2)
+    rows += _hop("one hop 1280x720", wide, clouds // 2)
     rows += growth(clouds // 3)
-    rows += hop_rows("4 writers to 1 reader 640x480", measure_hop(table, clouds // 2, writers=4), None)
+    rows += _hop("4 writers to 1 reader 640x480", table, clouds // 2, writers=4)
     rows += chain_rows("chain 640x480", measure_chain(table, seconds=seconds, turns=turns), CHAIN_TARGETS)
     return rows + chain_rows("chain 1280x720", measure_chain(wide, seconds=seconds, turns=max(turns - 1, 1)), {})
+
+
+def _hop(name: str, points: Points, clouds: int, target: float | None = None, **ends: int) -> list[Row]:
+    tell(name)
+    return hop_rows(name, measure_hop(points, clouds, **ends), target)
 
 
 def table_scene() -> Points:
@@ -61,12 +67,9 @@ def growth(clouds: int) -> list[Row]:
     """How a hop grows with the number of readers and with the size of the cloud."""
     rows: list[Row] = []
     for readers in READERS:
-        times = measure_hop(table_scene(), clouds, readers=readers)
-        rows += hop_rows(f"1 writer to {readers} readers 640x480", times, None)
+        rows += _hop(f"1 writer to {readers} readers 640x480", table_scene(), clouds, readers=readers)
     for height, width in SIZES:
-        rows += hop_rows(
-            f"one hop of {16e-6 * height * width:.1f} MB", measure_hop(synthetic(width, height), clouds), None
-        )
+        rows += _hop(f"one hop of {16e-6 * height * width:.1f} MB", synthetic(width, height), clouds)
     return rows
 
 

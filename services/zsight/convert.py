@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
@@ -104,8 +105,10 @@ def _field(name: str, dtype: np.dtype[Any], offset: int) -> PointField:
 
 
 def _is_dense(points: Points) -> bool:
-    """Row by row: most clouds of depth cameras show a hole in one of the first, and then the rest is not looked at."""
+    """The corner, then row by row: depth cameras mostly see a hole there, and then the rest is not looked at."""
     axes = [points[axis] for axis in "xyz" if axis in (points.dtype.names or ())]
+    if any(math.isnan(axis.item(0)) for axis in axes):
+        return False
     rows, step = len(points), max(1, _AT_ONCE // max(points.shape[1], 1))
     return not any(np.isnan(axis[row : row + step]).any() for row in range(0, rows, step) for axis in axes)
 
