@@ -88,6 +88,27 @@ def test_every_process_tells_of_itself(running: tuple[Cell, Command]) -> None:
     assert {reader["process"] for reader in points["readers"]} == {"voxel", "planes", "finder"}
 
 
+def test_a_topic_tells_losses_and_the_time_of_each_stage(running: tuple[Cell, Command]) -> None:
+    cell, _ = running
+    points = f"{cell.namespace}/kinect/points"
+    assert cell.run("topic", "hz", f"{points}/voxel", "--count", 3).code == 0  # the voxel filter has taken some
+    info = cell.run("topic", "info", points, "--json").json
+    (camera,) = info["writers"]
+    assert (camera["host"], camera["process"]) == ("here", "camera")
+    assert camera["sent"] >= 3
+    assert camera["since_stamp"]["p50_ms"] > 0
+    voxel = next(reader for reader in info["readers"] if reader["process"] == "voxel")
+    assert voxel["received"] >= 3
+    assert {"superseded", "lost", "late", "refused", "rate_hz", "age_of_last"} <= set(voxel)
+    assert 0 < voxel["on_the_way"]["p50_ms"] <= voxel["since_stamp"]["max_ms"]
+    told = cell.run("topic", "info", points).err
+    assert "written by here/camera" in told
+    assert "on the way" in told
+    node = cell.run("node", "info", "voxel", "--json").json
+    assert [writer["key"] for writer in node["writers"] if "/@" not in writer["key"]] == [f"{points}/voxel"]
+    assert cell.run("topic", "info", f"{cell.namespace}/elsewhere/points").code == 3
+
+
 def test_the_block_is_found_over_the_network(running: tuple[Cell, Command]) -> None:
     cell, _ = running
     ended = cell.run("find", "toy_block", "--new", "--json")
@@ -184,6 +205,23 @@ def test_a_killed_supervisor_takes_its_processes_along(cell: Cell) -> None:
         up.process.wait()
         assert soon(lambda: leftovers(pids, held) == [], DEADLINE), leftovers(pids, held)
     assert not cell.is_listening()
+
+
+def test_shared_memory_of_killed_processes_is_removed_by_the_next_that_starts(cell: Cell) -> None:
+    (cell.folder / "cell.toml").write_text("[process.router]\n[process.camera]\n[process.voxel]\n")
+    with cell.up(cell.folder / "cell.toml") as up:
+        pids = up.children()
+        assert cell.run("topic", "hz", f"{cell.namespace}/kinect/points/voxel", "--count", 2).code == 0
+        held = shared_memory_of(pids)
+        up.process.send_signal(signal.SIGSTOP)  # it would start again what dies
+        for pid in (*pids.values(), up.process.pid):
+            os.kill(pid, signal.SIGKILL)
+        up.process.wait()
+    assert soon(lambda: not any(map(is_alive, pids.values())), DEADLINE)
+    assert [path for path in held if path.exists()]
+    with Command("run", "router", **cell.environment):
+        assert soon(cell.is_listening, DEADLINE)
+        assert not [path for path in held if path.exists()]
 
 
 def test_a_service_whose_settings_make_no_sense_ends_the_start(cell: Cell) -> None:

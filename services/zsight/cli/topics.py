@@ -30,6 +30,8 @@ __all__ = ["app"]
 
 app = typer.Typer(help="What travels, between whom, how fast.", no_args_is_help=True, rich_markup_mode=None)
 
+_WORD = 1.0  # seconds between two words of a measurement that goes on
+
 Key = Annotated[str, typer.Argument(metavar="KEY", help="A key, such as zsight/kinect/points.")]
 Count = Annotated[int, typer.Option("--count", min=1, help="Stop after so many messages.")]
 Duration = Annotated[float, typer.Option("--duration", min=0.01, help="Stop after so many seconds.")]
@@ -230,7 +232,9 @@ def _count(key: str, count: int, duration: float, connect: str | None, namespace
 
     with join(network_of(connect, namespace)) as bus:
         reader = bus.link.reader(key, Delivery.LATEST, arrived)
-        enough.wait(duration)
+        end = time.monotonic() + duration
+        while not enough.wait(min(max(end - time.monotonic(), 0), _WORD)) and time.monotonic() < end:
+            say(f"{len(seen.times)} messages so far")
         enough.set()
         reader.close()
     if not seen.times:
