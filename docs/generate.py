@@ -107,6 +107,8 @@ def _readable(pattern: str) -> str:
         "@recorder": ["RECORDER"],
         "@player": ["PLAYER"],
         "@health": ["HOST", "PROCESS"],
+        "@log": ["HOST", "PROCESS"],
+        "@host": ["HOST"],
         "@alive": ["HOST", "PROCESS"],
     }
     stars = iter(names.get(pattern.split("/", maxsplit=1)[0], ["CAMERA"]))

@@ -13,6 +13,8 @@ from zsight_protocol.errors import KeyNameError
 from zsight_protocol.find_object import FindObjectGoal, FindObjectResult
 from zsight_protocol.geometry import Plane, TransformList
 from zsight_protocol.health import Health
+from zsight_protocol.host_report import HostReport
+from zsight_protocol.log_event import LogEvent
 from zsight_protocol.object_type import CatalogAnswer, CatalogRequest
 from zsight_protocol.parameter import ParameterRequest
 from zsight_protocol.point_cloud import PointCloud2
@@ -74,6 +76,8 @@ CHANNELS = (
     Channel("@player/*", PlayerRequest, Delivery.REQUEST),
     Channel("@player/*/status", PlayerState, Delivery.LATCHED),
     Channel("@health/*/*", Health, Delivery.LATEST),
+    Channel("@log/*/*", LogEvent, Delivery.EVERY),
+    Channel("@host/*", HostReport, Delivery.REQUEST),
     Channel("@alive/*/*", None, Delivery.TOKEN),
 )
 
@@ -246,6 +250,14 @@ class Cell:
     def health(self, host: str, process: str) -> str:
         """Beats of a process; '*' for any host or process. Hosts stand in lower case: their case says nothing."""
         return self._key("@health", _name_or_any(host.lower(), "host"), _name_or_any(process, "process"))
+
+    def log(self, host: str, process: str) -> str:
+        """Events of a process's log; '*' for any host or process."""
+        return self._key("@log", _name_or_any(host.lower(), "host"), _name_or_any(process, "process"))
+
+    def host(self, host: str) -> str:
+        """What the supervisor of a host tells; '*' for all."""
+        return self._key("@host", _name_or_any(host.lower(), "host"))
 
     def alive(self, host: str, process: str) -> str:
         """Liveliness token of a process; '*' for any host or process."""

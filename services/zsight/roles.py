@@ -47,19 +47,26 @@ class Grants:
 _GOALS = ("find_object/*", "find_object/*/cancel", "find_object/*/result")
 _SOURCE = ("*/points", "*/camera_info", "tf", "tf_static")
 _CLIENT = Grants(publish=("*/selected_points",), read=(_EVERYTHING,), ask=(*_GOALS, "catalog/*"))
-_OPERATOR = _CLIENT | Grants(ask=("param/*/*",))
+_STATES = ("@recorder/*/status", "@player/*/status")
+_OPERATOR = _CLIENT | Grants(ask=("param/*/*", "@recorder/*", "@player/*"), read=_STATES)
 
 ROLES: dict[str, Grants] = {
     "camera": Grants(publish=_SOURCE),
     "voxel": Grants(publish=("*/points/voxel",), read=("*/points",)),
     "planes": Grants(publish=("*/plane", "*/plane/points", "*/plane/above"), read=("*/points", "*/selected_points")),
     "finder": Grants(
-        publish=("find_object/*/status", "find_object/*/feedback", "*/scene"),
+        publish=(
+            "find_object/*/status",
+            "find_object/*/feedback",
+            "find_object/*/goal",
+            "find_object/*/catalogue",
+            "*/scene",
+        ),
         read=("*/points", "tf", "tf_static"),
         serve=(*_GOALS, "catalog/*"),
     ),
-    "recorder": Grants(read=(_EVERYTHING,)),
-    "player": Grants(publish=(_EVERYTHING,)),
+    "recorder": Grants(publish=("@recorder/*/status",), read=(_EVERYTHING,), serve=("@recorder/*",)),
+    "player": Grants(publish=(_EVERYTHING, "clock", "@player/*/status"), serve=("@player/*",)),
     "viewer": _OPERATOR,
     "client": _CLIENT,
     "operator": _OPERATOR,
@@ -86,8 +93,8 @@ def grants_of(identity: Identity) -> Grants:
     host = identity.host
     granted = Grants(
         publish=(f"@health/{host}/*", f"@log/{host}/*"),
-        serve=(f"@health/{host}/*", f"param/{host}/*", f"@log/{host}/*"),
-        ask=("@health/*/*", "@log/*/*"),
+        serve=(f"@health/{host}/*", f"param/{host}/*", f"@log/{host}/*", f"@host/{host}"),
+        ask=("@health/*/*", "@log/*/*", "@host/*"),
         hold=(f"@alive/{host}/*",),
         watch=("@alive/*/*",),
         read=("@health/*/*", "@log/*/*"),
@@ -116,7 +123,7 @@ _BESIDE: Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
 }
 # What others want of a host may reach it whatever the keys (theirs may hold wildcards): it answers with granted ones.
 _WISHES = ("declare_subscriber", "query", "declare_liveliness_subscriber", "liveliness_query")
-_ANYWHERE = ("**", "**/@adv/**", "@health/**", "@alive/**", "@log/**")
+_ANYWHERE = ("**", "**/@adv/**", "@health/**", "@alive/**", "@log/**", "@host/**", "@recorder/**", "@player/**")
 
 
 def access_rules(hosts: Iterable[Identity]) -> dict[str, Any]:

@@ -8,7 +8,6 @@ import math
 import os
 import signal
 import socket
-import sys
 import threading
 import time
 from importlib import metadata
@@ -20,6 +19,7 @@ from zsight.bus import Bus
 from zsight.bus.zenoh_link import open_link, open_router
 from zsight.errors import ConnectionLost, ZsightError
 from zsight.identity import Roster, read_identity
+from zsight.log_book import LogBook, start_logging
 from zsight.network import Network
 from zsight.parameters import Parameters, Saved, serve_parameters
 from zsight_core.errors import CoreError
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from zsight.services import Service
     from zsight.settings import Settings
 
-__all__ = ["SUPERVISED", "host_name", "join", "run_service", "start_logging", "version"]
+__all__ = ["SUPERVISED", "host_name", "join", "run_service", "version"]
 
 log = logging.getLogger("zsight")
 
@@ -62,19 +62,6 @@ def host_name() -> str:
     name = os.environ.get("ZSIGHT_HOST") or socket.gethostname()
     legal = "".join(c if (c.isascii() and c.isalnum()) or c in "-_." else "-" for c in name.lower())
     return legal.strip(".-") or "host"
-
-
-def start_logging(process: str) -> None:
-    """One line an event on stderr: time, severity, process, words."""
-    level = os.environ.get("ZSIGHT_LOG", "INFO").upper()
-    logging.basicConfig(
-        level=level if level in logging.getLevelNamesMapping() else "INFO",
-        format=f"%(asctime)s %(levelname)-7s {process}: %(message)s",
-        stream=sys.stderr,
-        force=True,
-    )
-    for talkative in ("numba", "asyncio", "websockets", "zenoh"):
-        logging.getLogger(talkative).setLevel("WARNING")
 
 
 def join(network: Network, *, wait: float = 0.0, stopping: threading.Event | None = None) -> Bus:
@@ -160,7 +147,7 @@ def _served(
     keys = Network.from_environment().keys
     roster = Roster(keys) if service.name == "router" and keys else None
     parameters = Parameters(settings, Saved(bus.cell.namespace, process))
-    with bus, _beating(bus, service, process, settings):
+    with bus, LogBook(host_name(), process).on(bus), _beating(bus, service, process, settings):
         serve_parameters(bus, host_name(), process, service.name, parameters)
         threading.Thread(target=_stop_bus, args=(stopping, bus, roster), name="stop", daemon=True).start()
         loop(bus, settings)

@@ -17,13 +17,16 @@ from typing import TYPE_CHECKING
 
 from zsight import shared_memory
 from zsight.errors import ConnectionLost, UsageError, ZsightError
-from zsight.runtime import SUPERVISED, host_name, join
+from zsight.runtime import SUPERVISED, host_name, join, version
 from zsight.settings import variable
+from zsight_protocol.codec import encode
+from zsight_protocol.host_report import Crash, HostReport, ProcessReport
+from zsight_protocol.message import Header, Time
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from zsight.bus import Bus
+    from zsight.bus import Bus, RawRequest
     from zsight.cell_file import ProcessEntry
     from zsight.network import Network
 
@@ -34,6 +37,7 @@ log = logging.getLogger(__name__)
 _PATIENCE = 1.5  # seconds that a process has to stop before it is killed
 _FIRST_PAUSE, _LONGEST_PAUSE = 0.2, 10.0  # seconds before a dead process is started again
 _STEADY = 10.0  # seconds after which a process counts as healthy again
+_LAST_LINES, _LONGEST_LINE = 12, 500  # of its log that a crash report keeps
 _NO_USE = 2  # exit code of a process whose settings make no sense: starting it again would not help
 
 
@@ -48,6 +52,7 @@ class Child:
     starts: int = 0
     start_at: float = 0.0
     finished: bool = False
+    crash: Crash | None = None
     last_words: deque[str] = field(default_factory=lambda: deque(maxlen=40))
     alive: threading.Event = field(default_factory=threading.Event)
 
@@ -55,6 +60,25 @@ class Child:
     def pid(self) -> int | None:
         """Its number while it runs."""
         return self.process.pid if self.process is not None else None
+
+    def report(self) -> ProcessReport:
+        """How it is, and how it ended the last time."""
+        running = "running" if self.alive.is_set() else "starting"
+        resting = "ended" if self.finished else "waiting"
+        return ProcessReport(
+            process=self.entry.name,
+            service=self.entry.service,
+            state=resting if self.process is None else running,
+            pid=self.pid or 0,
+            starts=self.starts,
+            crash=self.crash,
+        )
+
+    def note_end(self, code: int) -> None:
+        """Keep why it ended, with the last lines of its log."""
+        words = tuple(line[:_LONGEST_LINE] for line in list(self.last_words)[-_LAST_LINES:])
+        self.crash = Crash(stamp=Time.now(), reason=_reason(code), last_words=words)
+        self.last_words.clear()
 
 
 class Supervisor:
@@ -102,6 +126,7 @@ class Supervisor:
             if self.stopping.is_set():
                 return
             raise
+        self._bus.serve(self._bus.cell.host(host_name()), self._asked)
         self._bus.link.watch_alive(self._bus.cell.alive(host_name(), "*"), self._alive_changed)
 
     def wait_ready(self, timeout: float) -> None:
@@ -153,6 +178,7 @@ class Supervisor:
             child.process.stdin.close()
         child.process = None
         child.alive.clear()
+        child.note_end(code)
         if code in (0, _NO_USE):
             child.finished = True
             self._say(f"{child.entry.name} ended ({_reason(code)})")
@@ -189,6 +215,12 @@ class Supervisor:
                 if self._echo:
                     print(text, file=sys.stderr, flush=True)
         self._changed.set()
+
+    def _asked(self, request: RawRequest) -> None:
+        reports = tuple(child.report() for child in self.children)
+        report = HostReport(header=Header(stamp=Time.now()), host=host_name(), version=version(), processes=reports)
+        request.reply(encode(report))
+        request.close()
 
     def _alive_changed(self, key: str, alive: bool) -> None:
         name = key.rsplit("/", 1)[-1]

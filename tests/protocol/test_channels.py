@@ -42,9 +42,24 @@ KEYS: dict[str, KeyOf] = {
     "@player/*": lambda cell, a, _b: cell.player(a),
     "@player/*/status": lambda cell, a, _b: cell.player_status(a),
     "@health/*/*": lambda cell, a, b: cell.health(a, b),
+    "@log/*/*": lambda cell, a, b: cell.log(a, b),
+    "@host/*": lambda cell, a, _b: cell.host(a),
     "@alive/*/*": lambda cell, a, b: cell.alive(a, b),
 }
-RESERVED = {"tf", "tf_static", "find_object", "catalog", "param", "clock", "@recorder", "@player", "@health", "@alive"}
+RESERVED = {
+    "tf",
+    "tf_static",
+    "find_object",
+    "catalog",
+    "param",
+    "clock",
+    "@recorder",
+    "@player",
+    "@health",
+    "@log",
+    "@host",
+    "@alive",
+}
 RESERVED_AT = {name for name in RESERVED if name.startswith("@")}
 
 # The words of the table itself are the names most likely to be mistaken for a row.

@@ -65,6 +65,8 @@ PUBLIC = {
         "Vector3",
     ],
     "health": ["Health", "Latency", "Level", "ReaderHealth", "WriterHealth"],
+    "host_report": ["Crash", "HostReport", "ProcessReport"],
+    "log_event": ["LogEvent", "LogTail"],
     "message": ["Bare", "Count", "Extras", "Float64", "Header", "Message", "Time", "Tuple2", "Tuple3", "Tuple4"],
     "object_type": [
         "BoxShape",

@@ -163,6 +163,14 @@ def test_a_killed_service_is_seen_told_and_started_again(running: tuple[Cell, Co
     after = int(up.wait_for(r"^voxel started again as process (\d+)").group(1))
     assert (is_alive(before), is_alive(after)) == (False, True)
     assert cell.run("snapshot", f"{cell.namespace}/kinect/points/voxel", "-o", cell.folder / "again.pcd").code == 0
+    told = cell.run("node", "info", "voxel", "--json").json["supervised"]
+    assert (told["state"], told["pid"], told["starts"]) == ("running", after, 2)
+    assert told["crash"]["reason"] == "killed by SIGKILL"
+    assert "it ended" in cell.run("node", "info", "here/voxel").err
+    whole = {row["process"]: row for row in cell.run("up", "--hosts", "--json").json["processes"]}
+    assert whole["voxel"]["last_end"] == "killed by SIGKILL"
+    assert {row["host"] for row in whole.values()} == {"here"}
+    assert set(whole) == set(up.children())
 
 
 # Stopped.

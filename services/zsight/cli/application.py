@@ -29,6 +29,7 @@ COMMANDS = {
     "param": "parameters:app",
     "view": "viewing:view",
     "keys": "keys:app",
+    "logs": "logs:logs",
     "why": "explaining:why",
     "calibrate": "explaining:calibrate",
     "warm": "running:warm",

@@ -13,8 +13,8 @@ from typing import IO, TYPE_CHECKING, Annotated
 
 import typer
 
-from zsight.cli.options import Connect, Namespace, Open, network_of
-from zsight.cli.output import say
+from zsight.cli.options import Connect, Json, Namespace, Open, network_of
+from zsight.cli.output import print_json, print_table, say
 from zsight.cli.running import require_warm
 from zsight.errors import ConnectionLost, NobodyAnswers, UsageError, ZsightError
 from zsight.network import endpoints_of
@@ -37,6 +37,8 @@ def up(
     namespace: Namespace = None,
     listen: Listen = None,
     everybody: Open = False,
+    hosts: Annotated[bool, typer.Option("--hosts", help="Start nothing; show what is up on all hosts.")] = False,
+    json: Json = False,
     detach: Annotated[
         bool, typer.Option("--detach", "-d", help="Come back when all is up; stop with: zsight down")
     ] = False,
@@ -46,6 +48,9 @@ def up(
     from zsight import cell_file
     from zsight.supervisor import Supervisor
 
+    if hosts:
+        _show_hosts(network_of(connect, namespace), as_json=json)
+        return
     table = cell_file.read(file) if file is not None else cell_file.DEFAULT_TABLE
     if any(entry.service != "router" for entry in table.processes):
         require_warm()
@@ -66,6 +71,32 @@ def up(
             say(f"up: {names}")
         supervisor.watch()
     say("down")
+
+
+def _show_hosts(network: Network, *, as_json: bool) -> None:
+    """Every process of every host: those of supervisors, and those that were started otherwise."""
+    from zsight.beats import ask_health
+    from zsight.host_reports import ask_hosts
+    from zsight.runtime import join
+
+    with join(network) as bus:
+        beats, reports = ask_health(bus), ask_hosts(bus)
+    if not beats and not reports:
+        raise NobodyAnswers(f"a router answers, but cell {network.namespace} is empty: start it with: zsight up")
+    supervised = {(report.host, one.process): one for report in reports for one in report.processes}
+    alone = {(b.host, b.process): b for b in beats if (b.host, b.process) not in supervised}
+    rows = [
+        (host, o.process, o.service, o.state, o.pid, o.starts, o.crash.reason if o.crash else "")
+        for (host, _), o in supervised.items()
+    ]
+    rows += [(host, b.process, b.service, "running", b.pid, 1, "") for (host, _), b in alone.items()]
+    names = ("host", "process", "service", "state", "pid", "starts", "last_end")
+    if as_json:
+        print_json({"processes": [dict(zip(names, row, strict=True)) for row in sorted(rows)]})
+    else:
+        print_table(
+            [name.replace("_", " ") for name in names], [tuple(cell or "-" for cell in row) for row in sorted(rows)]
+        )
 
 
 def down(connect: Connect = None, namespace: Namespace = None) -> None:

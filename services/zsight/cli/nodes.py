@@ -13,6 +13,7 @@ from zsight.errors import NobodyAnswers
 
 if TYPE_CHECKING:
     from zsight_protocol.health import Health
+    from zsight_protocol.host_report import HostReport
 
 __all__ = ["app"]
 
@@ -48,13 +49,17 @@ def info(
     connect: Connect = None,
     namespace: Namespace = None,
 ) -> None:
-    """All that a process tells of itself."""
-    found = [b for b in _beats(connect, namespace) if process in (b.process, f"{b.host}/{b.process}")]
+    """All that a process tells of itself, and its supervisor of how it ended the last time."""
+    beats, hosts = _beats_and_hosts(connect, namespace)
+    found = [b for b in beats if process in (b.process, f"{b.host}/{b.process}")]
+    crashes = _crashes(hosts, process)
+    if not found and crashes and not json:
+        say("\n".join(words for lines in crashes.values() for words in lines))
     if not found:
         raise NobodyAnswers(f"no process {process} is there; see: zsight node list")
     for beat in found:
         if json:
-            print_json(_node_json(beat))
+            print_json({**_node_json(beat), "supervised": _supervised_json(hosts, beat)})
             continue
         say(
             f"{beat.host}/{beat.process}: service {beat.service} {beat.version}, pid {beat.pid}, up {_since(beat)}, {beat.level.name}"
@@ -69,6 +74,8 @@ def info(
             )
         if beat.errors:
             say(f"  {beat.errors} warnings or errors, the last: {beat.last_error}")
+        for words in crashes.get(f"{beat.host}/{beat.process}", []):
+            say(words)
 
 
 @app.command()
@@ -91,15 +98,42 @@ def clocks(json: Json = False, connect: Connect = None, namespace: Namespace = N
 
 
 def _beats(connect: str | None, namespace: str | None) -> list[Health]:
+    return _beats_and_hosts(connect, namespace)[0]
+
+
+def _beats_and_hosts(connect: str | None, namespace: str | None) -> tuple[list[Health], list[HostReport]]:
     from zsight.beats import ask_health
+    from zsight.host_reports import ask_hosts
     from zsight.runtime import join
 
     network = network_of(connect, namespace)
     with join(network) as bus:
-        beats = ask_health(bus)
+        beats, hosts = ask_health(bus), ask_hosts(bus)
     if not beats:
         raise NobodyAnswers(f"a router answers, but cell {network.namespace} is empty: start it with: zsight up")
-    return beats
+    return beats, hosts
+
+
+def _crashes(hosts: list[HostReport], process: str) -> dict[str, list[str]]:
+    """Lines about how the processes of this name ended the last time, where they did."""
+    told: dict[str, list[str]] = {}
+    for report in hosts:
+        for one in report.processes:
+            whole = f"{report.host}/{one.process}"
+            if one.crash is not None and process in (one.process, whole):
+                ago = max(time.time() - one.crash.stamp.ns / 1e9, 0)
+                head = f"  {whole} is {one.state}, started {one.starts} times; it ended {ago:.0f} s ago: {one.crash.reason}"
+                told[whole] = [head, *(f"    {line}" for line in one.crash.last_words)]
+    return told
+
+
+def _supervised_json(hosts: list[HostReport], beat: Health) -> dict[str, Any] | None:
+    """What the supervisor of a process says of it; none where it has none."""
+    for report in hosts:
+        for one in report.processes:
+            if (report.host, one.process) == (beat.host, beat.process):
+                return one.model_dump(mode="json")
+    return None
 
 
 def _since(beat: Health) -> str:
