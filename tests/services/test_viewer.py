@@ -8,25 +8,35 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from PIL import Image
 from playwright.sync_api import expect
 from tests.services.browser import PATIENCE, SHOTS, chromium, count_near, pixels, tab
+from tests.services.gated_work import Gated
 from tests.services.running import running
 from tests.services.waiting import soon
+from tests.system.commands import free_port
 
-from zsight import planes, viewer
+from zsight import object_catalogue, planes, viewer
+from zsight.action_server import ActionServer, GoalHandle, Policy
 from zsight.bus import Bus
 from zsight.bus.memory_link import MemoryLink, MemoryNetwork
-from zsight.convert import cloud_from_points, points_of
+from zsight.catalogue_server import serve_catalogue
+from zsight.convert import cloud_from_points, points_of, pose_of
 from zsight.viewer.selection import lens_of
+from zsight.viewer.status import missing_router
+from zsight_core import pcd
 from zsight_core.points import colours, from_xyz, xyz
+from zsight_core.transform import from_rpy
 from zsight_protocol.channels import Cell
-from zsight_protocol.message import Time
+from zsight_protocol.find_object import DetectedObject, FindObjectGoal, FindObjectResult, Status
+from zsight_protocol.message import Header, Time
 from zsight_protocol.point_cloud import PointCloud2
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+    from pathlib import Path
 
-    from numpy.typing import NDArray
+    from numpy.typing import ArrayLike, NDArray
     from playwright.sync_api import Browser, Page
 
     from zsight_core.points import Points
@@ -37,6 +47,9 @@ pytestmark = [pytest.mark.usefixtures("warm_kernels"), pytest.mark.timeout(600)]
 
 FRAME = "eye_optical_frame"
 RED, GREY = (200, 40, 40), (120, 125, 135)
+
+
+T_BLOCK = from_rpy((-0.25, -0.1, 1.0), (0.6, 0.5, 0.4))
 
 
 def sheet(z: float, half: tuple[float, float], spacing: float) -> NDArray[np.float64]:
@@ -54,16 +67,41 @@ def room() -> Points:
     return from_xyz(np.concatenate([PANEL, WALL]), rgb)
 
 
+class Finder(Gated):
+    """Says that it found a small block at a certain place, as soon as its gate is open."""
+
+    def execute(self, handle: GoalHandle[FindObjectGoal, FindObjectResult]) -> FindObjectResult:
+        done = super().execute(handle)
+        block = DetectedObject(
+            type="toy_block",
+            score=0.97,
+            pose=pose_of(T_BLOCK),
+            size=(0.07, 0.035, 0.01),
+            covariance=tuple((np.eye(6) * 1e-6).ravel().tolist()),
+            visible_fraction=1.0,
+        )
+        header = Header(stamp=Time.now(), frame_id=FRAME)
+        return done.model_copy(update={"header": header, "status": Status.FOUND, "objects": (block,), "message": ""})
+
+
 class Scene:
     """A viewer with its page, a plane finder and a camera of the test, in one network in memory."""
 
-    def __init__(self, page: viewer.Page, bus: Bus) -> None:
-        self.page, self.bus = page, bus
+    def __init__(self, page: viewer.Page, bus: Bus, finder: Finder) -> None:
+        self.page, self.bus, self.finder = page, bus, finder
         self.clouds = bus.writer(bus.cell.points("kinect"), PointCloud2)
         self.patches = bus.reader(bus.cell.selected_points("kinect"), PointCloud2)
 
     def send(self, points: Points) -> None:
         self.clouds.send(cloud_from_points(points, Time.now(), FRAME))
+
+    def pixel(self, point: ArrayLike) -> NDArray[np.float64]:
+        """Where a point of the fixed frame is on the first browser's screen: column and row."""
+        camera = next(iter(self.page.viser.get_clients().values())).camera
+        lens = lens_of(camera)
+        x, y, z = lens.T_eye_points[:3, :3] @ np.asarray(point) + lens.T_eye_points[:3, 3]
+        shares = np.array([x / z / lens.tangent_across, y / z / lens.tangent_down]) / 2 + 0.5
+        return np.asarray(shares * (camera.image_width, camera.image_height))
 
 
 @contextlib.contextmanager
@@ -75,12 +113,17 @@ def scene_of(settings: viewer.Settings) -> Iterator[Scene]:
         running(lambda bus, _: page.show(bus), Bus(MemoryLink(network), cell), settings),
     ):
         stack.enter_context(running(planes.run, Bus(MemoryLink(network), cell), planes.Settings()))
-        yield Scene(page, stack.enter_context(Bus(MemoryLink(network), cell)))
+        work, served = Finder(), stack.enter_context(Bus(MemoryLink(network), cell))
+        server = ActionServer(served, "finder", FindObjectGoal, work, Policy())
+        types = serve_catalogue(served, object_catalogue.load(object_catalogue.shipped_folder()), None)
+        yield Scene(page, stack.enter_context(Bus(MemoryLink(network), cell)), work)
+        types.close()
+        server.close()
 
 
 @pytest.fixture(scope="module")
 def scene() -> Iterator[Scene]:
-    with scene_of(viewer.Settings(port=0)) as running_scene:
+    with scene_of(viewer.Settings(port=0, budget=6000)) as running_scene:
         yield running_scene
 
 
@@ -92,7 +135,7 @@ def page(chromium: Browser, scene: Scene) -> Iterator[Page]:
     opened.goto(scene.page.link)
     expect(opened.get_by_text("No camera publishes.")).to_be_visible()
     scene.send(room())
-    expect(opened.get_by_text("points, colour rgb")).to_be_visible()
+    expect(opened.get_by_text("points drawn, colour rgb")).to_be_visible()
     opened.get_by_role("button", name="sensor").click()
     with contextlib.suppress(Exception):
         opened.locator(".mantine-Notification-closeButton").first.click(timeout=3000)
@@ -147,3 +190,121 @@ def test_a_rectangle_publishes_what_is_seen_and_the_plane_lights_up(page: Page, 
     assert soon(lambda: count_near(pixels(page), (230, 159, 0)) > 3000, PATIENCE)
     page.screenshot(path=SHOTS / "selected.png")
     assert re.search(r"distance\s*-1\.000", page.locator("body").inner_text())
+    page.get_by_role("button", name="Clear").click()
+    assert soon(lambda: count_near(pixels(page), RED) > 3000, PATIENCE)
+
+
+def axis_near(image: NDArray[np.int16], channel: int, middle: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Mean column and row of the pixels around a place whose colour is that of an axis."""
+    u, v = np.round(middle).astype(int)
+    part = image[v - 45 : v + 45, u - 45 : u + 45]
+    others = np.delete(part, channel, axis=2).max(axis=2)
+    rows, columns = np.nonzero((part[..., channel] > 120) & (part[..., channel] > 1.8 * others))
+    assert len(rows) > 20, "no axis of this colour"
+    return np.array([columns.mean() + u - 45, rows.mean() + v - 45])
+
+
+def test_a_find_shows_its_progress_and_a_triad_at_its_place(page: Page, scene: Scene) -> None:
+    tab(page, "Find")
+    expect(page.get_by_role("combobox", name="Type")).to_have_value("ball")
+    page.get_by_role("combobox", name="Type").click()
+    page.get_by_role("option", name="toy_block").click()
+    page.get_by_role("button", name="Find", exact=True).click()
+    expect(page.get_by_text("finder: waiting")).to_be_visible()
+    expect(page.get_by_role("button", name="Find", exact=True)).to_be_disabled()
+    page.screenshot(path=SHOTS / "finding.png")
+    scene.finder.gate.set()
+    expect(page.get_by_text("found toy_block 97%").first).to_be_visible()
+    origin = T_BLOCK[:3, 3]
+    image = pixels(page)
+    page.screenshot(path=SHOTS / "found.png")
+    for channel in range(3):
+        tip = origin + 0.063 * T_BLOCK[:3, channel]
+        middle = (scene.pixel(origin) + scene.pixel(tip)) / 2
+        assert np.linalg.norm(axis_near(image, channel, middle) - middle) < 3
+
+
+def test_a_find_is_cancelled(page: Page, scene: Scene) -> None:
+    scene.finder.gate.clear()
+    tab(page, "Find")
+    page.get_by_role("button", name="Find", exact=True).click()
+    expect(page.get_by_text("finder: waiting")).to_be_visible()
+    page.get_by_role("button", name="Cancel").click()
+    expect(page.get_by_text("GoalCancelled")).to_be_visible()
+    expect(page.get_by_role("button", name="Find", exact=True)).to_be_enabled()
+
+
+def test_a_cloud_is_downloaded_as_it_came(page: Page, scene: Scene, tmp_path: Path) -> None:
+    tab(page, "Keep")
+    with page.expect_download(timeout=PATIENCE * 1e3) as download:
+        page.get_by_role("button", name="Cloud as .pcd").click()
+    download.value.save_as(tmp_path / "kept.pcd")
+    back = pcd.read(tmp_path / "kept.pcd").points
+    assert back.tobytes() == room().tobytes()
+    del scene
+
+
+def test_a_page_of_the_scene_opens_from_disk(page: Page, chromium: Browser, tmp_path: Path) -> None:
+    tab(page, "Keep")
+    with page.expect_download(timeout=PATIENCE * 1e3) as download:
+        page.get_by_role("button", name="Page of the scene").click()
+    download.value.save_as(tmp_path / "scene.html")
+    context = chromium.new_context(viewport={"width": 800, "height": 500}, offline=True)
+    opened = context.new_page()
+    opened.goto((tmp_path / "scene.html").as_uri())
+    assert soon(lambda: count_near(pixels(opened), RED) > 1000, PATIENCE)
+    context.close()
+
+
+def test_a_picture_of_the_view_is_kept(page: Page, tmp_path: Path) -> None:
+    tab(page, "Keep")
+    with page.expect_download(timeout=PATIENCE * 1e3) as download:
+        page.get_by_role("button", name="Picture of the view").click()
+    download.value.save_as(tmp_path / "view.png")
+    picture = np.asarray(Image.open(tmp_path / "view.png"), dtype=np.int16)
+    assert count_near(picture, RED) > 5000
+
+
+def test_a_second_browser_joins_and_sees_the_same(page: Page, chromium: Browser, scene: Scene) -> None:
+    context = chromium.new_context(viewport={"width": 1024, "height": 768})
+    second = context.new_page()
+    second.goto(scene.page.link)
+    assert soon(lambda: count_near(pixels(second), RED) > 1000, PATIENCE)
+    second.screenshot(path=SHOTS / "tablet.png")
+    tab(page, "Scene")
+    page.get_by_label("Clouds", exact=True).click()
+    assert soon(lambda: count_near(pixels(second), RED) < 100, PATIENCE)
+    page.get_by_label("Clouds", exact=True).click()
+    assert soon(lambda: count_near(pixels(second), RED) > 1000, PATIENCE)
+    context.close()
+
+
+def test_clouds_of_one_point_and_of_two_million_without_colour(page: Page, scene: Scene) -> None:
+    scene.send(room().reshape(-1)[:1].reshape(1, 1))
+    expect(page.get_by_text("1 point drawn, colour rgb")).to_be_visible()
+    millions = np.random.default_rng(3).normal((0, 0, 2), 0.2, (2_000_000, 3))
+    scene.send(from_xyz(millions))
+    expect(page.get_by_text(re.compile(r"live, 5,9\d\d of 2,000,000 points drawn, colour height"))).to_be_visible()
+    scene.send(from_xyz(np.full((1, 5, 3), np.nan)))
+    expect(page.get_by_text("0 of 5 points drawn")).to_be_visible()
+    expect(page.get_by_text(re.compile("no new cloud for"))).to_be_visible()
+    page.screenshot(path=SHOTS / "stopped.png")
+
+
+def test_an_open_page_finds_its_way_back_after_a_restart(
+    chromium: Browser, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    settings = viewer.Settings(port=free_port(), budget=6000)
+    context = chromium.new_context(viewport={"width": 1280, "height": 720})
+    opened = context.new_page()
+    with viewer.open_page(settings) as first:
+        opened.goto(first.link)
+        first.say(missing_router(("tcp/192.0.2.7:7447",)))
+        expect(opened.get_by_text("Nothing is running")).to_be_visible()
+        opened.screenshot(path=SHOTS / "nothing.png")
+    with scene_of(settings) as scene:
+        expect(opened.get_by_text("No camera publishes.")).to_be_visible()
+        scene.send(room())
+        assert soon(lambda: count_near(pixels(opened), RED) > 1000, PATIENCE)
+    context.close()

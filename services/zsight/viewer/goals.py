@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from zsight_protocol.action import GoalState, GoalStatusList, Update
 from zsight_protocol.channels import Delivery
-from zsight_protocol.find_object import FindObjectResult
+from zsight_protocol.find_object import FindObjectResult, ResultCode
 
 if TYPE_CHECKING:
     import viser
@@ -78,7 +78,8 @@ class Goals:
         if update.result is not None:
             goal.words = outcome(update.result)
             goal.what = goal.what or ", ".join(sorted({found.type for found in update.result.objects}))
-            self._found.show(goal.what, update.result)
+            if update.result.code in (ResultCode.FOUND, ResultCode.NOT_FOUND):
+                self._found.show(goal.what, update.result)
 
 
 def outcome(result: FindObjectResult) -> str:

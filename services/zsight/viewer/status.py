@@ -65,6 +65,7 @@ class StatusLine:
         if shown is None:
             return f"**{name}:** live"
         cloud = shown.cloud
-        points, size = cloud.height * cloud.width, f"{cloud.width} x {cloud.height}" if cloud.height > 1 else "cloud"
-        thinned = f", {shown.drawn:,} of {points:,} points drawn" if shown.drawn < points else f", {points:,} points"
-        return f"**{name}:** live, {size}{thinned}, colour {shown.colouring}"
+        points = cloud.height * cloud.width
+        size = f"{cloud.width} x {cloud.height}, " if cloud.height > 1 else ""
+        drawn = f"{shown.drawn:,} of " if shown.drawn < points else ""
+        return f"**{name}:** live, {size}{drawn}{points:,} point{'s' * (points != 1)} drawn, colour {shown.colouring}"
