@@ -49,7 +49,7 @@ FRAME = "eye_optical_frame"
 RED, GREY = (200, 40, 40), (120, 125, 135)
 
 
-T_BLOCK = from_rpy((-0.25, -0.1, 1.0), (0.6, 0.5, 0.4))
+T_PIN = from_rpy((-0.25, -0.1, 1.0), (0.6, 0.5, 0.4))
 
 
 def sheet(z: float, half: tuple[float, float], spacing: float) -> NDArray[np.float64]:
@@ -68,20 +68,20 @@ def room() -> Points:
 
 
 class Finder(Gated):
-    """Says that it found a small block at a certain place, as soon as its gate is open."""
+    """Says that it found a pin at a certain place, as soon as its gate is open."""
 
     def execute(self, handle: GoalHandle[FindObjectGoal, FindObjectResult]) -> FindObjectResult:
         done = super().execute(handle)
-        block = DetectedObject(
-            type="toy_block",
+        pin = DetectedObject(
+            type="pin",  # thinner than its triad, and of no type that is known here
             score=0.97,
-            pose=pose_of(T_BLOCK),
-            size=(0.07, 0.035, 0.01),
+            pose=pose_of(T_PIN),
+            size=(0.002, 0.002, 0.07),
             covariance=tuple((np.eye(6) * 1e-6).ravel().tolist()),
             visible_fraction=1.0,
         )
         header = Header(stamp=Time.now(), frame_id=FRAME)
-        return done.model_copy(update={"header": header, "status": Status.FOUND, "objects": (block,), "message": ""})
+        return done.model_copy(update={"header": header, "status": Status.FOUND, "objects": (pin,), "message": ""})
 
 
 class Scene:
@@ -214,12 +214,12 @@ def test_a_find_shows_its_progress_and_a_triad_at_its_place(page: Page, scene: S
     expect(page.get_by_role("button", name="Find", exact=True)).to_be_disabled()
     page.screenshot(path=SHOTS / "finding.png")
     scene.finder.gate.set()
-    expect(page.get_by_text("found toy_block 97%").first).to_be_visible()
-    origin = T_BLOCK[:3, 3]
+    expect(page.get_by_text("found pin 97%").first).to_be_visible()
+    origin = T_PIN[:3, 3]
     image = pixels(page)
     page.screenshot(path=SHOTS / "found.png")
     for channel in range(3):
-        tip = origin + 0.063 * T_BLOCK[:3, channel]
+        tip = origin + 0.063 * T_PIN[:3, channel]
         middle = (scene.pixel(origin) + scene.pixel(tip)) / 2
         assert np.linalg.norm(axis_near(image, channel, middle) - middle) < 3
 
