@@ -13,6 +13,7 @@ from zsight import planes
 from zsight.client import CellClient
 from zsight.convert import cloud_from_points, matrix_of, points_of
 from zsight.errors import DeadlinePassed, NobodyAnswers
+from zsight.patch_plane import plane_of_patch
 from zsight_core.points import from_xyz, xyz
 from zsight_protocol.message import Time
 from zsight_protocol.point_cloud import PointCloud2
@@ -112,7 +113,7 @@ def test_a_patch_that_holds_some_of_the_box_still_finds_the_floor(start: Callabl
 
 def test_a_patch_of_a_thin_thing_on_the_floor_is_not_taken_for_the_floor() -> None:
     points = floor(box=0.004)
-    found = planes.plane_of_patch(points, points[BOX], planes.Settings())
+    found = plane_of_patch(points, points[BOX])
     assert found.fit.plane.distance == pytest.approx(DISTANCE + 0.004, abs=1e-4)
 
 

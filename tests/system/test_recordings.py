@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from tests.system.commands import run
 
-from zsight import planes
+from zsight.patch_plane import plane_of_patch
 from zsight_core import cloud_file, plane
 
 if TYPE_CHECKING:
@@ -60,7 +60,7 @@ def carpet(points: Points) -> NDArray[np.float64]:
 
 def normal_of(points: Points, u0: int, v0: int, u1: int, v1: int) -> NDArray[np.float64]:
     """As the command finds it."""
-    return planes.plane_of_patch(points, points[v0 : v1 + 1, u0 : u1 + 1], planes.Settings()).fit.plane.normal
+    return plane_of_patch(points, points[v0 : v1 + 1, u0 : u1 + 1]).fit.plane.normal
 
 
 def test_a_patch_of_the_carpet_finds_the_carpet(milk: Path, points: Points, carpet: NDArray[np.float64]) -> None:

@@ -107,12 +107,19 @@ def plane(
 ) -> None:
     """The plane of a patch of an organised cloud, and all points that lie in it."""
     from zsight import cloud_input, planes
+    from zsight.patch_plane import plane_of_patch
     from zsight_core.above_plane import points_above
     from zsight_core.take import take
 
     cloud = cloud_input.read(file, intrinsics)
     settings = planes.Settings(tolerance=tolerance, connected=connected)
-    found = planes.plane_of_patch(cloud.points, _patch(cloud.points, patch), settings)
+    found = plane_of_patch(
+        cloud.points,
+        _patch(cloud.points, patch),
+        tolerance=settings.tolerance,
+        connected_only=settings.connected,
+        gap=settings.gap,
+    )
     if output is not None:
         _write(output, take(cloud.points, found.members), cloud.viewpoint, ascii_text, compressed, force)
     if above is not None:

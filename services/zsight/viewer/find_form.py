@@ -5,14 +5,15 @@ from __future__ import annotations
 import threading
 from typing import TYPE_CHECKING
 
+import numpy as np
 from viser import Icon
 
 from zsight.client import CellClient, FindOptions, answer_of
 from zsight.errors import ZsightError
 from zsight.viewer.goals import outcome
+from zsight.viewer.region import region_around
 from zsight.viewer.server import set_value
 from zsight_protocol.find_object import Capture
-from zsight_protocol.geometry import Region
 
 if TYPE_CHECKING:
     import viser
@@ -24,10 +25,12 @@ if TYPE_CHECKING:
     from zsight.viewer.selection import Selection
     from zsight_protocol.action import Update
     from zsight_protocol.find_object import FindObjectResult
+    from zsight_protocol.geometry import Region
 
 __all__ = ["FindForm"]
 
 _NONE = "(no finder answers)"
+_BLUE = (0, 114, 178)
 _AROUND, _ABOVE = 0.05, 0.3  # metres that a region reaches beyond what was selected, and above it
 _LOOK = 2.0  # seconds between two looks at the catalogue
 
@@ -70,22 +73,22 @@ class FindForm:
                 self._type.options = names
             self._bus.stopping.wait(_LOOK)
 
+    def seek_in(self, region: Region, name: str) -> None:
+        """Narrow finds to a region, which is drawn."""
+        self._region = region
+        low, high = np.array(region.low), np.array(region.high)
+        self._server.scene.add_box("/region", _BLUE, dimensions=high - low, wireframe=True, position=(high + low) / 2)
+        self._only.label = f"Seek everywhere, not only in {name}"
+
     def _choose_region(self) -> None:
-        if self._region is not None or self._selection.last is None:
-            self._region = None
-            self._server.scene.remove_by_name("/region")
-            self._only.label = "Region from the selection"
-            if self._selection.last is None:
-                self._words.content = "Select some points first: the region goes around them."
+        if self._region is None and self._selection.last is not None:
+            self.seek_in(region_around(self._selection.last.xyz_fixed, _AROUND, _ABOVE), "the selection")
             return
-        points = self._selection.last.xyz_fixed
-        low, high = points.min(axis=0) - _AROUND, points.max(axis=0) + _AROUND
-        high[2] += _ABOVE
-        a, b = (tuple(float(value) for value in corner) for corner in (low, high))
-        self._region = Region(low=(a[0], a[1], a[2]), high=(b[0], b[1], b[2]))
-        size, middle = high - low, (high + low) / 2
-        self._server.scene.add_box("/region", color=(0, 114, 178), dimensions=size, wireframe=True, position=middle)
-        self._only.label = "Seek everywhere again"
+        if self._region is None:
+            self._words.content = "Select some points first, or click a surface: the region goes around them."
+        self._region = None
+        self._server.scene.remove_by_name("/region")
+        self._only.label = "Region from the selection"
 
     def _options(self) -> FindOptions:
         options = FindOptions(

@@ -14,9 +14,13 @@ from zsight.viewer.frames import Frames
 from zsight.viewer.goals import Goals
 from zsight.viewer.health import HealthPanel
 from zsight.viewer.keep import Keep
+from zsight.viewer.levelling import Levelling
+from zsight.viewer.picking import Picking
+from zsight.viewer.scene_layer import SceneLayer
 from zsight.viewer.selection import Selection
 from zsight.viewer.server import open_server
 from zsight.viewer.status import StatusLine
+from zsight.viewer.tuning import Tuning
 from zsight.viewer.viewpoint import Viewpoint
 
 if TYPE_CHECKING:
@@ -76,10 +80,12 @@ class Page:
     def _panels(self, bus: Bus) -> list[Panel]:
         server, settings = self.viser, self._settings
         tabs = server.gui.add_tab_group()
-        with tabs.add_tab("Scene"):
+        scene_tab = tabs.add_tab("Scene")
+        with scene_tab:
             frames = Frames(server, bus, settings.frame)
             clouds = Clouds(server, bus, frames, settings)
             cameras = Cameras(server, bus, frames, clouds)
+            scenes = SceneLayer(server, bus, frames)
             viewpoint = Viewpoint(server, frames, clouds)
         found = FoundObjects(server, frames)
         with tabs.add_tab("Select"):
@@ -89,14 +95,20 @@ class Page:
             goals = Goals(server, bus, found)
             if form is not None:
                 with form:
-                    FindForm(server, bus, frames, selection, goals)
+                    sought = FindForm(server, bus, frames, selection, goals)
+                with scene_tab:
+                    scenes.on_pick = Picking(server, bus, frames, sought).picked
+                    Levelling(server, bus, clouds)
         with tabs.add_tab("Health"):
             health = HealthPanel(server, bus)
+        if not settings.read_only:
+            with tabs.add_tab("Tune"):
+                Tuning(server, bus, clouds, selection)
         with tabs.add_tab("Keep"):
             keep = Keep(server, frames, clouds, settings.folder)
         status = StatusLine(self._words, bus, clouds, read_only=settings.read_only)
         server.on_client_connect(lambda _: clouds.redraw())
-        return [status, frames, clouds, cameras, viewpoint, selection, goals, found, health, keep]
+        return [status, frames, clouds, cameras, scenes, viewpoint, selection, goals, found, health, keep]
 
 
 @contextlib.contextmanager

@@ -155,6 +155,12 @@ class Selection:
                 f"**{count}** selected; no plane came within {_PATIENCE:g} s. The log of the planes service says why."
             )
 
+    def ask_again(self) -> None:
+        """Send the last patch once more, for a plane finder that was set differently."""
+        if self.last is not None:
+            self._waiting.set()
+            self._send(self.last)
+
     def update(self) -> None:
         """Show the planes that came."""
         while (received := self._planes.take(0)) is not None:
