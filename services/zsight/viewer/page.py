@@ -36,6 +36,7 @@ __all__ = ["Page", "open_page"]
 log = logging.getLogger(__name__)
 
 _ROUND = 0.1  # seconds between two looks at what is new, clouds aside
+_WIDTH = 370  # pixels of the panel: all tabs in one row, and most of a small screen left for the scene
 
 _STYLE = """<style>
 table.zs { width: 100%; border-collapse: collapse; font-size: 0.85em; line-height: 1.35; }
@@ -62,6 +63,7 @@ class Page:
         self._settings = settings
         server.gui.configure_theme(show_share_button=False, show_logo=False, control_width="medium")
         server.gui.main_panel.dock_right()
+        server.gui.main_panel.set_width(_WIDTH)
         server.gui.add_html(_STYLE)
         self._words = server.gui.add_markdown("")
 
