@@ -1,4 +1,7 @@
-"""What the find-object action costs beyond a bare Zenoh query, and how soon a killed finder is noticed."""
+"""What the find-object action costs beyond a bare Zenoh query, and whether it keeps its word in time.
+
+How soon a killed finder is noticed, how soon a cancelled find has stopped, and how fairly many clients are served.
+"""
 
 from __future__ import annotations
 
@@ -6,20 +9,26 @@ import socket
 import statistics
 import subprocess
 import sys
+import tempfile
+import threading
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from cancelling import cancel_waits
 
 from zsight.client import CellClient
 from zsight.errors import ServerLost
 from zsight.network import Network
 from zsight.runtime import join
+from zsight_protocol.action import GoalState
 
 if TYPE_CHECKING:
     from zsight.action_client import GoalCall
 
 ECHO = Path(__file__).resolve().parent.parent / "tests" / "system" / "echo_server.py"
 ROUNDS, KILLS = 400, 20
+CLIENTS, GOALS_EACH = 20, 50
 
 
 def run() -> list[dict[str, Any]]:
@@ -30,27 +39,25 @@ def run() -> list[dict[str, Any]]:
     try:
         with CellClient(join(Network().on(endpoint))) as cell:
             bare, action = _interleaved(cell)
-        overheads = sorted(a - b for a, b in zip(action, bare, strict=True))
-        waits = _kills(endpoint)
+        _stop(server)
+        kills = _kills(endpoint)
+        ends = _crowd(endpoint)
+        with tempfile.TemporaryDirectory() as folder:
+            cancels = cancel_waits(endpoint, Path(folder))
     finally:
         for process in (server, router):
             _stop(process)
-    p50, p99 = statistics.median(action) - statistics.median(bare), _p99(action) - _p99(bare)
+    return [*_overhead_rows(bare, action), *_kill_rows(kills), *_crowd_rows(ends), *_cancel_rows(cancels)]
+
+
+def _overhead_rows(bare: list[float], action: list[float]) -> list[dict[str, Any]]:
+    pairs = statistics.median(a - b for a, b in zip(action, bare, strict=True))
     return [
-        _row("action p50", statistics.median(action), "bare query p50", statistics.median(bare), None, None),
-        _row("action p99", _p99(action), "bare query p99", _p99(bare), None, None),
-        _row("overhead p50", p50, None, None, 1.0, p50 <= 1.0),
-        _row("overhead p99", p99, None, None, 3.0, p99 <= 3.0),
-        _row("overhead, median of pairs", statistics.median(overheads), None, None, 1.0, None),
-        _row(
-            "killed finder noticed, median",
-            statistics.median(waits),
-            None,
-            None,
-            150.0,
-            statistics.median(waits) <= 150,
-        ),
-        _row("killed finder noticed, worst", max(waits), None, None, 150.0, max(waits) <= 150),
+        _row("action p50", statistics.median(action), peer="bare query p50", peer_value=statistics.median(bare)),
+        _row("action p99", _p99(action), peer="bare query p99", peer_value=_p99(bare)),
+        _row("overhead p50", statistics.median(action) - statistics.median(bare), target=1.0),
+        _row("overhead p99", _p99(action) - _p99(bare), target=3.0),
+        _row("overhead, median of pairs", pairs, target=1.0),
     ]
 
 
@@ -71,6 +78,13 @@ def _interleaved(cell: CellClient) -> tuple[list[float], list[float]]:
     return bare, action
 
 
+def _kill_rows(waits: list[float]) -> list[dict[str, Any]]:
+    return [
+        _row("killed finder noticed, median", statistics.median(waits), target=150.0),
+        _row("killed finder noticed, worst", max(waits), target=150.0),
+    ]
+
+
 def _kills(endpoint: str) -> list[float]:
     """Milliseconds from the kill of a finder at work to the error at its client."""
     waits: list[float] = []
@@ -89,18 +103,77 @@ def _kills(endpoint: str) -> list[float]:
     return waits
 
 
+def _crowd_rows(ends: list[list[float]]) -> list[dict[str, Any]]:
+    """Fairness is that of Jain, Chiu and Hawe (1984): 1 where all clients have as much done, 1/20 where one has all."""
+    every = sorted(end for client in ends for end in client)
+    half = every[len(every) // 2]
+    done = [sum(end <= half for end in client) for client in ends]
+    fairness = sum(done) ** 2 / (len(done) * sum(count**2 for count in done))
+    return [
+        _row("goals of 20 clients at once that succeeded", len(every), "of 1000", target=1000, least=True),
+        _row("the last of them ended after", every[-1] * 1e3),
+        _row("fairness when half were done (Jain)", fairness, "", target=None),
+        _row("first client ready / last client ready", min(map(max, ends)) / max(map(max, ends)), ""),
+    ]
+
+
+def _crowd(endpoint: str) -> list[list[float]]:
+    """Seconds from the start to the end of each client's goals, all sent at once, of about 1 ms of work each."""
+    server = _start("server", endpoint, "4", "1000", "crowd")
+    ends: list[list[float]] = [[] for _ in range(CLIENTS)]
+    start = threading.Barrier(CLIENTS)
+
+    def ask(number: int) -> None:
+        with CellClient(join(Network(namespace="crowd").on(endpoint))) as cell:
+            start.wait()
+            begin = time.perf_counter()
+            calls = [
+                cell.start_find("anything", finder="finder", known_height=1e-3, timeout=120.0)
+                for _ in range(GOALS_EACH)
+            ]
+            for call in calls:
+                if call.wait().state is GoalState.SUCCEEDED:
+                    ends[number].append(time.perf_counter() - begin)
+
+    clients = [threading.Thread(target=ask, args=(number,)) for number in range(CLIENTS)]
+    for client in clients:
+        client.start()
+    for client in clients:
+        client.join()
+    _stop(server)
+    return ends
+
+
+def _cancel_rows(waits: list[float]) -> list[dict[str, Any]]:
+    within = sum(wait <= 50.0 for wait in waits) / len(waits)
+    return [
+        _row("cancelled find has stopped, median", statistics.median(waits), target=50.0),
+        _row("cancelled find has stopped, p99", _p99(waits), target=50.0),
+        _row("cancelled find has stopped, worst", max(waits), target=None),
+        _row("cancelled finds stopped within 50 ms", within * 100, "%"),
+    ]
+
+
 def _p99(values: list[float]) -> float:
     return sorted(values)[int(0.99 * (len(values) - 1))]
 
 
 def _row(
-    name: str, value: float, peer: str | None, peer_value: float | None, target: float | None, holds: bool | None
+    name: str,
+    value: float,
+    unit: str = "ms",
+    *,
+    peer: str | None = None,
+    peer_value: float | None = None,
+    target: float | None = None,
+    least: bool = False,
 ) -> dict[str, Any]:
+    holds = None if target is None else value >= target if least else value <= target
     ratio = None if peer_value is None else value / peer_value
     return {
         "name": name,
         "value": value,
-        "unit": "ms",
+        "unit": unit,
         "peer": peer,
         "peer_value": peer_value,
         "ratio": ratio,

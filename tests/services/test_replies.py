@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from typing import TYPE_CHECKING
 
 import pytest
 from tests.services.waiting import DEADLINE
@@ -14,44 +15,50 @@ from zsight.question import ask_question
 from zsight_protocol.action import CancelCode, CancelRequest, CancelResponse
 from zsight_protocol.codec import encode
 
-
-class CutLink(MemoryLink):
-    """A link whose cable can be pulled."""
-
-    cut = False
-
-    def connected(self) -> bool:
-        return not self.cut
+if TYPE_CHECKING:
+    from zsight.bus import RawRequest
 
 
 @pytest.fixture
-def bus() -> Bus:
-    """A process that is client and server at once."""
-    return Bus(CutLink())
+def link() -> MemoryLink:
+    """The link of a process that is client and server at once."""
+    return MemoryLink()
 
 
-def cut(bus: Bus) -> None:
-    bus.link.cut = True  # type: ignore[attr-defined]  # the fixture's link
+@pytest.fixture
+def bus(link: MemoryLink) -> Bus:
+    """That process."""
+    return Bus(link)
 
 
-def test_whoever_is_cut_off_learns_it_at_once(bus: Bus) -> None:
-    bus.serve(bus.cell.cancel("finder"), lambda _: cut(bus))
+def test_whoever_is_cut_off_learns_it_at_once(bus: Bus, link: MemoryLink) -> None:
+    bus.serve(bus.cell.cancel("finder"), lambda _: link.cut())
     begin = time.monotonic()
     with pytest.raises(ConnectionLost, match="cut off"):
         bus.ask(bus.cell.cancel("finder"), b"", DEADLINE).take(DEADLINE)
     assert time.monotonic() - begin < DEADLINE / 2
 
 
-def test_what_came_before_the_cut_is_still_taken(bus: Bus) -> None:
-    def answer(request: object) -> None:
-        request.reply(b"here")  # type: ignore[attr-defined]  # a request
-        cut(bus)
+def test_what_came_before_the_cut_is_still_taken(bus: Bus, link: MemoryLink) -> None:
+    def answer(request: RawRequest) -> None:
+        request.reply(b"here")
+        link.cut()
+        request.reply(b"too late")
+        request.close()
 
     bus.serve(bus.cell.cancel("finder"), answer)
     replies = bus.ask(bus.cell.cancel("finder"), b"", DEADLINE)
     assert replies.take(DEADLINE) == b"here"
     with pytest.raises(ConnectionLost):
         replies.take(DEADLINE)
+
+
+def test_who_is_cut_off_reaches_nobody(bus: Bus, link: MemoryLink) -> None:
+    asked: list[RawRequest] = []
+    bus.serve(bus.cell.cancel("finder"), asked.append)
+    link.cut()
+    assert bus.ask(bus.cell.cancel("finder"), b"", DEADLINE).take(DEADLINE) is None
+    assert asked == []
 
 
 def test_a_server_that_is_there_and_silent_is_told_from_none(bus: Bus) -> None:

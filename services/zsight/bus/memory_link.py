@@ -80,6 +80,11 @@ class MemoryLink:
         """Args: the network to join; left out: one of its own."""
         self._network = network or MemoryNetwork()
         self._mine: list[Closable] = []
+        self._cut = False
+
+    def cut(self) -> None:
+        """Pull the cable of this process: what it asks reaches nobody, and no reply comes any more."""
+        self._cut = True
 
     def _hold(self, closable: Closable) -> Closable:
         self._mine.append(closable)
@@ -113,8 +118,9 @@ class MemoryLink:
         """Send a request; timeout is kept by the caller's clock alone."""
         del timeout
         with self._network.lock:
-            found = [(h, link) for e, h, link in self._network.servers.values() if matches(e, key)]
-        replies = _Replies(self._network, len(found) if everyone else min(len(found), 1))
+            served = [] if self._cut else self._network.servers.values()
+            found = [(h, link) for e, h, link in served if matches(e, key)]
+        replies = _Replies(self._network, len(found) if everyone else min(len(found), 1), self.connected)
         for handler, server in found if everyone else found[:1]:
             request = _Request(key, payload, replies)
             server.hold_request(request)
@@ -155,8 +161,8 @@ class MemoryLink:
         return self._hold(Closable(lambda: self._forget(self._network.watches, name)))
 
     def connected(self) -> bool:
-        """Always: memory is not cut."""
-        return True
+        """Until it is cut."""
+        return not self._cut
 
     def close(self) -> None:
         """Leave the network."""
@@ -200,21 +206,23 @@ class _Writer:
 
 
 class _Replies:
-    def __init__(self, network: MemoryNetwork, servers: int) -> None:
+    def __init__(self, network: MemoryNetwork, servers: int, connected: Callable[[], bool]) -> None:
         self._network = network
+        self._connected = connected
         self._queue: queue.SimpleQueue[bytes | Exception | None] = queue.SimpleQueue()
         self._open = servers
         if servers == 0:
             self._queue.put(None)
 
     def put(self, payload: bytes | Exception) -> None:
-        self._queue.put(payload)
+        if self._connected():
+            self._queue.put(payload)
 
     def end_one(self) -> None:
         with self._network.lock:
             self._open -= 1
             last = self._open == 0
-        if last:
+        if last and self._connected():
             self._queue.put(None)
 
     def take(self, timeout: float) -> bytes | None:
