@@ -114,7 +114,8 @@ def _as_pinhole(words: Words, R_optical_cloud: NDArray[np.float64]) -> View | No
     rows = np.linspace(0, height - 1, min(height, 30)).astype(np.int64)
     columns = np.linspace(0, width - 1, min(width, 40)).astype(np.int64)
     v, u = np.meshgrid(rows, columns, indexing="ij")
-    sample = _coordinates(words, v * width + u).astype(np.float64) @ R_optical_cloud.T
+    with np.errstate(invalid="ignore"):  # infinite points are holes
+        sample = _coordinates(words, v * width + u).astype(np.float64) @ R_optical_cloud.T
     seen = np.isfinite(sample).all(axis=-1) & (np.abs(sample[..., 2]) > 1e-6)
     if seen.sum() < 12 or (sample[..., 2][seen] > 0).mean() < 0.99:
         return None

@@ -21,6 +21,7 @@ from zsight_core import find as find_core
 from zsight_core import scene as scene_core
 from zsight_core.transform import angle_between, from_rpy
 from zsight_protocol.action import GoalState
+from zsight_protocol.codec import encode
 from zsight_protocol.find_object import Capture, ResultCode, Status
 from zsight_protocol.geometry import Region, TransformList
 from zsight_protocol.message import Time
@@ -231,6 +232,20 @@ def test_a_cloud_without_data_ends_no_scenes(start: Callable[..., Stage], caplog
     stage.points = good
     stamp = stage.show()
     assert taken(scenes).header.stamp == stamp
+
+
+# The same again.
+
+
+def test_the_same_cloud_gives_the_same_answer_bit_for_bit(start: Callable[..., Stage]) -> None:
+    """From two finders, each asked twice: all bytes of the answer but its finder and how long things took."""
+    stage, _ = start(name="one", oldest=100), start(name="two", oldest=100)
+    stamp, answers = stage.show(), set()
+    for name in ("one", "two", "one", "two"):
+        result = stage.client.find("any", finder=name, maximum=0, timeout=60)
+        assert (result.header.stamp, result.finder) == (stamp, name)
+        answers.add(encode(result.model_copy(update={"timings_ms": {}, "finder": ""})))
+    assert len(answers) == 1
 
 
 # Followed.
