@@ -41,6 +41,9 @@ class _Link:
     matrices: deque[NDArray[np.float64]] = field(default_factory=deque)
 
     def put(self, stamp_ns: int, T_parent_child: NDArray[np.float64]) -> None:
+        if self.times and stamp_ns < self.times[-1] - _HISTORY_NS:  # a recording that is played went back
+            self.times.clear()
+            self.matrices.clear()
         place = bisect.bisect_right(self.times, stamp_ns)
         self.times.insert(place, stamp_ns)
         self.matrices.insert(place, T_parent_child)

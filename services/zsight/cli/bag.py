@@ -12,6 +12,7 @@ import typer
 
 from zsight.cli.options import Connect, Json, Namespace, network_of
 from zsight.cli.output import print_json, print_table, say
+from zsight.errors import UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -262,3 +263,125 @@ def info(file: File, json: Json = False) -> None:
         say(f"{count} messages of {key} came and could not be written")
     if report["damage"]:
         say(f"DAMAGED: {report['damage']}. It can be played as it is; mend it with: zsight bag recover {file}")
+
+
+Target = Annotated[Path, typer.Option("--output", "-o", metavar="FILE", help="The new file.")]
+Compression = Annotated[str, typer.Option("--compression", help="none, lz4 or zstd.")]
+
+
+@app.command()
+def recover(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="An .mcap file that its writer did not close.")],
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", metavar="FILE", help="NAME.recovered.mcap if not given.")
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Make a good file of a torn one; the torn one stays as it is."""
+    from zsight.recording.mcap_copy import copy
+
+    target = output or file.with_name(f"{file.stem}.recovered.mcap")
+    with _progress() as say_share:
+        copied = copy([file], target, walk=True, say=say_share)
+    report = {"file": str(target), "messages": copied.messages, "damage": copied.damage}
+    if json:
+        print_json(report)
+        return
+    for words in copied.damage:
+        say(words)
+    say(f"{target}: {copied.messages} messages")
+
+
+@app.command()
+def check(file: Annotated[Path, typer.Argument(metavar="FILE", help="An .mcap file.")], json: Json = False) -> None:
+    """Whether a recording is sound; exit code 1 where it is not."""
+    from zsight.recording.checking import check as check_file
+
+    report = check_file(file)
+    if json:
+        print_json(report)
+    else:
+        for words in report["errors"]:
+            say(words)
+        for topic, count in report["gaps"].items():
+            say(f"{count} messages of {topic} are not in it")
+        say(
+            f"{report['messages']} messages in {report['chunks']} chunks: {'sound' if report['sound'] else 'NOT SOUND'}"
+        )
+    raise typer.Exit(0 if report["sound"] else 1)
+
+
+@app.command()
+def cut(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="An .mcap file.")],
+    output: Target,
+    start: Annotated[float | None, typer.Option("--start", help="Seconds from the beginning.")] = None,
+    end: Annotated[float | None, typer.Option("--end", help="Seconds from the beginning.")] = None,
+    topics: Annotated[str, typer.Option("--topics", metavar="REGEX", help="Only keys that contain this.")] = "",
+    exclude: Annotated[str, typer.Option("--exclude", metavar="REGEX", help="No keys that contain this.")] = "",
+    compression: Compression = "none",
+    json: Json = False,
+) -> None:
+    """A part of a recording as a file of its own, which begins with what was in force there."""
+    from zsight.recording.mcap_copy import Part
+    from zsight.recording.mcap_file import McapFile
+
+    with McapFile.open(file) as opened:
+        begin = opened.statistics.start
+    times = [None if seconds is None else begin + int(seconds * 1e9) for seconds in (start, end)]
+    _copy([file], output, Part(times[0], times[1], topics, exclude), compression, json)
+
+
+@app.command()
+def merge(
+    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help=".mcap files.")],
+    output: Target,
+    compression: Compression = "none",
+    json: Json = False,
+) -> None:
+    """Several recordings as one, in the order of time."""
+    _copy(files, output, None, compression, json)
+
+
+def _copy(files: list[Path], output: Path, part: Any, compression: str, json: bool) -> None:
+    from zsight.recording.compression import require_choice
+    from zsight.recording.mcap_copy import copy
+
+    if require_choice(compression) == "auto":
+        raise UsageError("compression is auto; expected none, lz4 or zstd: a file is not measured against anything")
+    with _progress() as say_share:
+        copied = copy(files, output, part=part, compression=compression, say=say_share)
+    if json:
+        print_json({"file": str(output), "messages": copied.messages, "damage": copied.damage})
+        return
+    for words in copied.damage:
+        say(words)
+    say(f"{output}: {copied.messages} messages")
+
+
+@app.command()
+def convert(
+    file: File,
+    output: Target,
+    compression: Compression = "none",
+    namespace: Annotated[str, typer.Option("--namespace", help="Of the keys in the new file.")] = "zsight",
+    json: Json = False,
+) -> None:
+    """A recording of any kind as an MCAP file of a cell: topics become keys, depth images clouds."""
+    from zsight.recording.conversion import convert as convert_file
+
+    with _progress() as say_share:
+        count, left = convert_file(file, output, namespace=namespace, compression=compression, say=say_share)
+    if json:
+        print_json({"file": str(output), "messages": count, "left_out": left})
+        return
+    for source, number in left.items():
+        say(f"{number} messages of {source} are left out: we have no message of that type, or they are damaged")
+    say(f"{output}: {count} messages")
+
+
+@contextlib.contextmanager
+def _progress() -> Iterator[Any]:
+    """A share that is done, written anew at a terminal."""
+    with _line() as line:
+        yield lambda share: line(f"{share:.0%}")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from functools import partial
+from functools import cache, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,7 +17,7 @@ from zsight_protocol.point_cloud import PointCloud2
 from zsight_protocol.ros_message import from_values
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator
+    from collections.abc import Collection, Hashable, Iterator
     from pathlib import Path
 
     from rosbags.interfaces import Connection
@@ -107,15 +107,20 @@ def _identity(connection: Connection) -> tuple[int, int]:
 
 
 def _values(message: Any) -> dict[str, Any]:
-    """A message of rosbags as fields and values; ROS 1 writes K, D, R and P of a camera as capitals."""
-    return {
-        field.name.lower(): _value(getattr(message, field.name))
-        for field in dataclasses.fields(message)
-        if not field.name.startswith("_") and not (field.name.isupper() and len(field.name) > 1)
-    }
+    """A message of rosbags as fields and values."""
+    return {name: _value(getattr(message, theirs)) for name, theirs in _names(type(message))}
+
+
+@cache
+def _names(kind: Hashable) -> tuple[tuple[str, str], ...]:
+    """The fields of a class, as we write them and as it does: ROS 1 has K, D, R and P of a camera as capitals."""
+    names = [field.name for field in dataclasses.fields(kind)]  # type: ignore[arg-type]  # a dataclass
+    return tuple((n.lower(), n) for n in names if not n.startswith("_") and not (n.isupper() and len(n) > 1))
 
 
 def _value(value: Any) -> Any:
+    if isinstance(value, str | float | int):
+        return value
     if dataclasses.is_dataclass(value):
         return _values(value)
     if isinstance(value, np.ndarray):

@@ -103,8 +103,11 @@ class McapFile:
         file._view = memoryview(file._map)
         if bytes(file._view[: len(MAGIC)]) != MAGIC:
             raise UsageError(f"{path} is no MCAP file: it begins with {bytes(file._view[:8])!r}")
-        if walk or not file._read_summary():
+        has_index = file._read_summary()
+        if walk or not has_index:
             file._walk()
+        if not has_index and not file.damage:
+            file.damage = "its index is missing or damaged"
         return file
 
     def __enter__(self) -> Self:

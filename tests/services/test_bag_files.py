@@ -1,0 +1,264 @@
+"""Recordings cut, joined, converted, mended and checked; recordings of others read as other readers read them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from rosbags.highlevel import AnyReader
+from rosbags.rosbag1 import Writer as Bag1Writer
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as Bag2Writer
+from rosbags.typesys import Stores, get_typestore
+from tests.services.recordings import START, cloud, sample, transform
+
+from zsight.convert import points_of
+from zsight.errors import UsageError
+from zsight.recording.about import about
+from zsight.recording.checking import check
+from zsight.recording.conversion import convert
+from zsight.recording.mcap_copy import Part, copy
+from zsight.recording.mcap_file import McapFile
+from zsight.recording.opening import open_recording
+from zsight.recording.recording_file import IN_FORCE, RecordingFile
+from zsight_core.points import colours, xyz
+from zsight_protocol.errors import DecodeError
+from zsight_protocol.geometry import TransformList
+from zsight_protocol.point_cloud import PointCloud2
+from zsight_protocol.ros_message import from_cdr
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+STEP = 10_000_000
+COUNT = 100
+
+
+def write(path: Path, *, first: int = 0, count: int = COUNT, writer: int = 7, lose: int | None = None) -> Path:
+    file = RecordingFile(path, "cell", {})
+    file.write(sample("cell/tf_static", transform(1.0), START + first * STEP - 1, writer=99))
+    for number in range(first, first + count):
+        if number != lose:
+            at = START + number * STEP + writer
+            file.write(sample("cell/kinect/points", cloud(number), at, sequence=number + 1, writer=writer))
+        if number % 10 == 9:
+            file.mcap.close_chunk("zstd")
+    file.finish()
+    return path
+
+
+def numbers(path: Path) -> list[int]:
+    with McapFile.open(path) as file:
+        assert file.damage == ""
+        kept = [e for e in file.messages() if e.channel.topic == "/cell/kinect/points"]
+        return [int(points_of(from_cdr(PointCloud2, e.data))["x"][0, 0]) for e in kept]
+
+
+def test_a_part_begins_with_what_was_in_force(tmp_path: Path) -> None:
+    whole = write(tmp_path / "whole.mcap")
+    part = Part(start=START + 40 * STEP, end=START + 60 * STEP)
+    assert copy([whole], tmp_path / "part.mcap", part=part, compression="lz4").messages == 20
+    assert numbers(tmp_path / "part.mcap") == list(range(40, 60))
+    with McapFile.open(tmp_path / "part.mcap") as file:
+        first = next(file.messages())
+    assert IN_FORCE in first.channel.metadata
+    assert from_cdr(TransformList, first.data) == transform(1.0)
+    assert check(tmp_path / "part.mcap")["sound"]
+
+
+def test_topics_can_be_left_out(tmp_path: Path) -> None:
+    whole = write(tmp_path / "whole.mcap")
+    assert copy([whole], tmp_path / "a.mcap", part=Part(topics="tf_static$")).messages == 1
+    assert copy([whole], tmp_path / "b.mcap", part=Part(exclude="points")).messages == 1
+    with pytest.raises(UsageError, match="there already"):
+        copy([whole], tmp_path / "b.mcap")
+    with pytest.raises(UsageError, match="one of the files"):
+        copy([whole], whole)
+
+
+def test_several_become_one_in_order(tmp_path: Path) -> None:
+    left = write(tmp_path / "left.mcap", writer=1)
+    right = write(tmp_path / "right.mcap", writer=2)
+    later = write(tmp_path / "later.mcap", first=COUNT, writer=1)
+    assert copy([later, right, left], tmp_path / "all.mcap").messages == 3 * COUNT + 3
+    found = numbers(tmp_path / "all.mcap")
+    assert found == sorted([*range(COUNT), *range(2 * COUNT)])
+    report = check(tmp_path / "all.mcap")
+    assert (report["sound"], report["gaps"]) == (True, {})
+
+
+def test_a_folder_of_split_files_is_one_recording(tmp_path: Path) -> None:
+    folder = tmp_path / "split"
+    folder.mkdir()
+    for part in range(3):
+        write(folder / f"a_{part}.mcap", first=part * 30, count=30)
+    recording = open_recording(folder)
+    found = [played.load() for played in recording.messages(recording.start_ns, None, recording.lines)]
+    clouds = [int(points_of(m)["x"][0, 0]) for m in found if isinstance(m, PointCloud2)]
+    assert clouds == list(range(90))
+    last = recording.last_before(START + 45 * STEP, [line for line in recording.lines if line.key == "kinect/points"])
+    assert last is not None
+    assert last.load() == cloud(44)
+    recording.close()
+
+
+def test_check_finds_what_is_wrong(tmp_path: Path) -> None:
+    sound = write(tmp_path / "sound.mcap")
+    assert check(sound) == {
+        "file": str(sound), "messages": 101, "chunks": 10, "errors": [], "gaps": {}, "losses": {}, "sound": True,
+    }  # fmt: skip
+    lossy = write(tmp_path / "lossy.mcap", lose=50)
+    assert check(lossy)["gaps"] == {"/cell/kinect/points": 1}
+    torn = tmp_path / "torn.mcap"
+    torn.write_bytes(sound.read_bytes()[:-100])
+    assert not check(torn)["sound"]
+    bad = bytearray(sound.read_bytes())
+    bad[bad.index(b"zstd") + 100] ^= 0xFF  # inside of the first chunk
+    (tmp_path / "bad.mcap").write_bytes(bad)
+    assert any("damaged" in words for words in check(tmp_path / "bad.mcap")["errors"])
+
+
+@pytest.mark.parametrize("cut", [0.2, 0.5, 0.9, 0.999])
+def test_a_torn_file_is_mended_and_left_as_it_is(tmp_path: Path, cut: float) -> None:
+    whole = write(tmp_path / "whole.mcap").read_bytes()
+    torn = tmp_path / "torn.mcap"
+    torn.write_bytes(whole[: int(len(whole) * cut)])
+    before = torn.read_bytes()
+    copied = copy([torn], tmp_path / "mended.mcap", walk=True)
+    assert copied.damage
+    assert torn.read_bytes() == before
+    found = numbers(tmp_path / "mended.mcap")
+    assert found == list(range(len(found)))
+    assert len(found) >= (cut - 0.15) * COUNT
+    assert check(tmp_path / "mended.mcap")["sound"]
+
+
+# Recordings of others.
+
+
+def clouds_of(path: Path) -> list[PointCloud2]:
+    recording = open_recording(path)
+    found = [played.load() for played in recording.messages(recording.start_ns, None, recording.lines)]
+    recording.close()
+    return [message for message in found if isinstance(message, PointCloud2)]
+
+
+@pytest.mark.parametrize("name", ["jsk/watercan.bag", "moveit/perception_tutorial.bag"])
+def test_real_bags_are_read_as_rosbags_reads_them(shared_data: Path, name: str, tmp_path: Path) -> None:
+    path = shared_data / name
+    if not path.is_file():
+        pytest.skip(f"no {path}")
+    with AnyReader([path]) as reader:
+        theirs = [(time, reader.deserialize(raw, c.msgtype)) for c, time, raw in reader.messages()]
+    recording = open_recording(path)
+    ours = list(recording.messages(recording.start_ns, None, recording.lines))
+    assert [played.log_time for played in ours] == [time for time, _ in theirs]
+    for played, (_, message) in [*zip(ours, theirs, strict=True)][::20]:
+        assert_same(played.load(), message)
+    recording.close()
+    if len(ours) > 1:
+        return
+    count, left = convert(path, tmp_path / "converted.mcap", compression="zstd")
+    assert (count, left) == (len(theirs), {})
+    assert check(tmp_path / "converted.mcap")["sound"]
+    assert clouds_of(tmp_path / "converted.mcap") == clouds_of(path)
+
+
+def assert_same(ours: Any, theirs: Any) -> None:
+    if isinstance(ours, TransformList):
+        assert len(ours.transforms) == len(theirs.transforms)
+        for a, b in zip(ours.transforms, theirs.transforms, strict=True):
+            assert (a.header.frame_id, a.child_frame_id) == (b.header.frame_id, b.child_frame_id)
+            assert a.header.stamp.ns == b.header.stamp.sec * 10**9 + b.header.stamp.nanosec
+            for part in ("translation", "rotation"):
+                for axis, value in getattr(a.transform, part).model_dump().items():
+                    assert getattr(getattr(b.transform, part), axis) == value
+    else:
+        assert bytes(ours.data) == bytes(theirs.data)
+        assert (ours.height, ours.width, ours.point_step) == (theirs.height, theirs.width, theirs.point_step)
+        assert ours.header.stamp.ns == theirs.header.stamp.sec * 10**9 + theirs.header.stamp.nanosec
+        assert ours.header.frame_id == theirs.header.frame_id
+
+
+DEPTH = np.tile(np.linspace(500, 1500, 8, dtype=np.uint16), (6, 1))
+COLOUR = np.random.default_rng(5).integers(0, 256, (6, 8, 3), dtype=np.uint8)
+
+
+def messages_of_a_camera(store: Any, *, ros1: bool) -> list[tuple[str, Any]]:
+    """A depth image in millimetres, its colours as BGR with padded rows, and its calibration."""
+    t = store.types
+    extra = {"seq": 0} if ros1 else {}
+    header = t["std_msgs/msg/Header"](
+        stamp=t["builtin_interfaces/msg/Time"](sec=5, nanosec=6), frame_id="optical", **extra
+    )
+    image = t["sensor_msgs/msg/Image"]
+    k = np.array([10.0, 0, 3.5, 0, 10, 2.5, 0, 0, 1])
+    names = ("D", "K", "R", "P") if ros1 else ("d", "k", "r", "p")
+    values = dict(zip(names, (np.zeros(5), k, np.eye(3).ravel(), np.zeros(12)), strict=True))
+    roi = t["sensor_msgs/msg/RegionOfInterest"](x_offset=0, y_offset=0, height=0, width=0, do_rectify=False)
+    info = t["sensor_msgs/msg/CameraInfo"](
+        header=header, height=6, width=8, distortion_model="plumb_bob", binning_x=0, binning_y=0, roi=roi, **values
+    )
+    padded = np.zeros((6, 30), np.uint8)
+    padded[:, :24] = COLOUR[:, :, ::-1].reshape(6, 24)
+    depth = image(header=header, height=6, width=8, encoding="16UC1", is_bigendian=0, step=16,
+                  data=DEPTH.view(np.uint8).ravel())  # fmt: skip
+    colour = image(header=header, height=6, width=8, encoding="bgr8", is_bigendian=0, step=30, data=padded.ravel())
+    return [("/cam/depth/camera_info", info), ("/cam/rgb/image", colour), ("/cam/depth/image", depth)]
+
+
+def write_ros1(path: Path) -> None:
+    store = get_typestore(Stores.ROS1_NOETIC)
+    with Bag1Writer(path) as bag:
+        for number, (topic, message) in enumerate(messages_of_a_camera(store, ros1=True)):
+            connection = bag.add_connection(topic, message.__msgtype__, typestore=store)
+            bag.write(connection, START + number, store.serialize_ros1(message, message.__msgtype__))
+
+
+def write_ros2(path: Path, storage: StoragePlugin) -> None:
+    store = get_typestore(Stores.ROS2_JAZZY)
+    with Bag2Writer(path, version=9, storage_plugin=storage) as bag:
+        for number, (topic, message) in enumerate(messages_of_a_camera(store, ros1=False)):
+            connection = bag.add_connection(topic, message.__msgtype__, typestore=store)
+            bag.write(connection, START + number, store.serialize_cdr(message, message.__msgtype__))
+
+
+@pytest.mark.parametrize("kind", ["ros1", "sqlite3", "mcap folder", "mcap"])
+def test_depth_and_colour_images_become_clouds(tmp_path: Path, kind: str) -> None:
+    path = tmp_path / ("a.bag" if kind == "ros1" else "a")
+    if kind == "ros1":
+        write_ros1(path)
+    else:
+        write_ros2(path, StoragePlugin.SQLITE3 if kind == "sqlite3" else StoragePlugin.MCAP)
+    if kind == "mcap":
+        (path,) = path.glob("*.mcap")
+    (message,) = clouds_of(path)
+    assert (message.header.stamp.ns, message.header.frame_id) == (5 * 10**9 + 6, "optical")
+    points = points_of(message)
+    z = DEPTH * np.float32(0.001)
+    np.testing.assert_allclose(xyz(points)[..., 2], z, rtol=1e-6)
+    np.testing.assert_allclose(xyz(points)[..., 0], (np.arange(8) - 3.5) / 10 * z, rtol=1e-5)
+    np.testing.assert_array_equal(colours(points), COLOUR)
+    keys = {topic["key"] for topic in about(path)["topics"]}
+    assert keys == {"cam_depth/points", "cam_depth/camera_info"}
+
+
+def test_what_is_no_depth_image_is_refused_and_the_rest_goes_on(tmp_path: Path) -> None:
+    write_ros2(tmp_path / "a", StoragePlugin.SQLITE3)
+    recording = open_recording(tmp_path / "a")
+    line = next(line for line in recording.lines if line.kind is PointCloud2)
+    played = next(iter(recording.messages(0, None, [line])))
+    recording._images[line.number].info[0].__dict__["kind"] = None  # type: ignore[attr-defined]  # as if it were damaged
+    with pytest.raises(DecodeError, match="no message for"):
+        played.load()
+    recording.close()
+
+
+def test_what_is_no_recording_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "a.bag").write_bytes(b"#ROSBAG V1.2\n")
+    (tmp_path / "a.txt").write_text("text")
+    (tmp_path / "empty").mkdir()
+    for name, words in [("a.bag", "as a bag"), ("a.txt", "is no recording"), ("empty", "holds no recording")]:
+        with pytest.raises(UsageError, match=words):
+            open_recording(tmp_path / name)
