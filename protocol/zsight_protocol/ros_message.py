@@ -162,6 +162,7 @@ class _Form:
     length: int | None = None
     is_sequence: bool = False
     is_optional: bool = False
+    is_copied: bool = False  # bytes that are not a view of those that came
 
     def field(self, name: str) -> RosField:
         """As a definition has it."""
@@ -190,7 +191,7 @@ class _Form:
         if self.is_optional and self.length is None:
             return self._entry(value[0])
         if self.type == "uint8" and self.is_sequence:
-            return value
+            return bytes(value) if self.is_copied else value
         if self.is_sequence or self.length is not None:
             return tuple(self._entry(entry) for entry in value)
         return self._entry(value)
@@ -221,6 +222,8 @@ def _form(annotation: Any, marks: list[Any]) -> _Form:
         return _form_of_union(arguments, marks)
     if origin is tuple:
         return _form_of_tuple(arguments, marks)
+    if annotation is bytes:
+        return _Form("uint8", is_sequence=True, is_copied=True)
     if isinstance(annotation, type) and origin is None:
         return _Form(_scalar(annotation))
     return _Form("json")

@@ -26,6 +26,7 @@ COMMANDS = {
     "node": "nodes:app",
     "catalog": "catalog:app",
     "bag": "bag:app",
+    "bundle": "bundles:app",
     "param": "parameters:app",
     "view": "viewing:view",
     "keys": "keys:app",

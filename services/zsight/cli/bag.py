@@ -380,6 +380,45 @@ def convert(
     say(f"{output}: {count} messages")
 
 
+@app.command()
+def rerun(
+    file: File,
+    catalogue: Annotated[
+        Path | None, typer.Option("--catalogue", metavar="FOLDER", help="Folder of further object types.")
+    ] = None,
+    tolerance_mm: Annotated[float, typer.Option("--tolerance-mm", help="How far an object may have moved.")] = 5.0,
+    tolerance_deg: Annotated[float, typer.Option("--tolerance-deg", help="How far it may have turned.")] = 5.0,
+    json: Json = False,
+) -> None:
+    """Every recorded goal once more against its own cloud, with today's code; exit code 1 on regressions."""
+    from zsight import object_catalogue
+    from zsight.recording.rerun import Tolerance
+    from zsight.recording.rerun import rerun as run_again
+
+    folders = [object_catalogue.shipped_folder(), *([catalogue] if catalogue is not None else [])]
+    types = object_catalogue.load(*folders)
+    with _line() as line:
+        rows = run_again(
+            file, types, tolerance=Tolerance(tolerance_mm, tolerance_deg), say=lambda n: line(f"{n} goals")
+        )
+    regressions = sum(bool(row["regression"]) for row in rows)
+    if json:
+        print_json({"file": str(file), "goals": rows, "regressions": regressions})
+    elif rows:
+        headings = ("type", "then", "now", "moved (mm)", "turned (deg)", "score", "ms then", "ms now", "")
+        print_table(headings, [_rerun_row(row) for row in rows])
+    if not rows:
+        raise UsageError(f"{file} holds no goal with its answer and its cloud: record all keys of the cell")
+    raise typer.Exit(1 if regressions else 0)
+
+
+def _rerun_row(row: dict[str, Any]) -> tuple[object, ...]:
+    then = "-" if row["ms_then"] is None else f"{row['ms_then']:.0f}"
+    differences = [f"{row[name]:.2f}" if name in row else "-" for name in ("moved_mm", "turned_deg", "score_change")]
+    times = (then, f"{row['ms_now']:.0f}")
+    return (row["object_type"], row["then"], row["now"], *differences, *times, row["regression"])
+
+
 @contextlib.contextmanager
 def _progress() -> Iterator[Any]:
     """A share that is done, written anew at a terminal."""

@@ -108,7 +108,7 @@ def _identity(connection: Connection) -> tuple[int, int]:
 
 def _values(message: Any) -> dict[str, Any]:
     """A message of rosbags as fields and values."""
-    return {name: _value(getattr(message, theirs)) for name, theirs in _names(type(message))}
+    return {name: _value(getattr(message, theirs)) for name, theirs in _names(type(message))}  # type: ignore[arg-type]  # a class is hashable
 
 
 @cache

@@ -16,7 +16,21 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-__all__ = ["convert"]
+    from zsight.recording.played import Played
+
+__all__ = ["as_sample", "convert"]
+
+
+def as_sample(played: Played, namespace: str, sequence: int) -> Sample:
+    """A recorded message as if it had just come off the wire, as such a message of its writer.
+
+    Raises:
+        ProtocolError: it cannot be read.
+    """
+    message = played.load()
+    payload = message if isinstance(message, bytes) else encode(message)
+    attachment = Attachment(played.line.number + 1, sequence, played.publish_time)
+    return Sample(played.line.full_key(namespace), payload, attachment, played.log_time)
 
 
 def convert(
@@ -49,15 +63,13 @@ def convert(
     try:
         for played in recording.messages(recording.start_ns, None, recording.lines):
             say((played.log_time - recording.start_ns) / span)
+            sent[played.line.number] += 1
             try:
-                message = played.load()
+                sample = as_sample(played, namespace, sent[played.line.number])
             except ProtocolError:
                 left[played.line.source] += 1
                 continue
-            payload = message if isinstance(message, bytes) else encode(message)
-            sent[played.line.number] += 1
-            attachment = Attachment(played.line.number + 1, sent[played.line.number], played.publish_time)
-            if file.write(Sample(played.line.full_key(namespace), payload, attachment, played.log_time)):
+            if file.write(sample):
                 file.mcap.close_chunk("" if compression == "none" else compression)
             count += 1
         file.finish("" if compression == "none" else compression)

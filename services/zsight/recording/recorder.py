@@ -91,6 +91,7 @@ class Recorder:
         self._default = _choice(bus, settings)
         self._lock = threading.RLock()
         self._disk: DiskWriter | None = None
+        self._closing: DiskWriter | None = None  # what waits is still being written
         self._last: RecorderState | None = None  # of the recording before
         self._ring = MemoryRing(settings.ring, int(settings.ring_memory * _MEBIBYTE)) if settings.ring else None
         self._ends: float | None = None
@@ -133,6 +134,7 @@ class Recorder:
         """End the recording, if there is one."""
         with self._lock:
             disk, self._disk, self._ends = self._disk, None, None
+            self._closing = disk or self._closing
             capture = self._capture if disk is not None and self._ring is None else None
             if capture is not None:
                 self._capture, self._in_force = None, {}
@@ -141,6 +143,7 @@ class Recorder:
         if disk is not None:
             disk.close()
             self._last = self._state_of(disk, Recording.ARMED if self._ring is not None else Recording.IDLE)
+            self._closing = None
             log.info("recorded %d messages to %s", disk.messages, ", ".join(map(str, disk.series.files)))
         self._tell()
         return self.state()
@@ -238,7 +241,7 @@ class Recorder:
     def state(self) -> RecorderState:
         """How it stands."""
         with self._lock:
-            disk = self._disk
+            disk = self._disk or self._closing
         if disk is not None:
             return self._state_of(disk, Recording.DISK_FULL if disk.full else Recording.RECORDING)
         state = Recording.ARMED if self._ring is not None else Recording.IDLE

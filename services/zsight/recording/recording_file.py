@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import platform
 import time
 from collections import Counter
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
     from zsight_protocol.channels import Channel
     from zsight_protocol.message import Message
     from zsight_protocol.point_cloud import Buffer
+
+log = logging.getLogger(__name__)
 
 __all__ = ["ABOUT", "IN_FORCE", "LOSSES", "RecordingFile", "row_of"]
 
@@ -116,7 +119,8 @@ class RecordingFile:
         try:
             message = self._coded(sample.key, decode(row.message, sample.payload))
             return type(message), to_cdr(message)
-        except ProtocolError:
+        except (ProtocolError, TypeError, ValueError) as error:
+            log.debug("a message on %s is kept as it came: %s", sample.key, error)
             return None, [sample.payload]
 
     def _channel(self, sample: Sample, row: Channel | None, kind: type[Message] | None, *, in_force: bool) -> int:
