@@ -40,7 +40,8 @@ class Settings(ServiceSettings):
     camera: str = Field("kinect", description="name of the camera in the keys")
     source: str = Field(
         "book",
-        description="ellipse; a scene's name or .yaml file; a .pcd or .ply file; a folder of those, or of RGB-D pairs",
+        description="ellipse; a scene's name or .yaml file; a .pcd or .ply file; a folder of those, or of RGB-D pairs; "
+        "a recording (.mcap, .bag or the folder of a ROS 2 bag)",
     )
     rate: Live[float | None] = Field(
         None, gt=0, le=1000, description="clouds a second (above 0, up to 1000); the source's own if not given"

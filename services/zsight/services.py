@@ -39,7 +39,9 @@ class Service:
 
 SERVICES = (
     Service("router", "zsight.router", "the Zenoh router that all others join"),
-    Service("camera", "zsight.camera", "one source of clouds: simulated scene, ellipse, files, RGB-D images"),
+    Service(
+        "camera", "zsight.camera", "one source of clouds: simulated scene, ellipse, files, RGB-D images, recordings"
+    ),
     Service("voxel", "zsight.voxel", "voxel-grid downsampler"),
     Service("planes", "zsight.planes", "plane of a selected patch, and its coplanar points"),
     Service("finder", "zsight.finder", "object finder"),

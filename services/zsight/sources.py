@@ -59,7 +59,8 @@ def open_source(
     """The source with this name.
 
     Args:
-        name: ``ellipse``; a scene's name or .yaml file; a .pcd or .ply file; a folder of such files, or of RGB-D pairs.
+        name: ``ellipse``; a scene's name or .yaml file; a .pcd or .ply file; a folder of such files, or of RGB-D pairs;
+            a recording (.mcap, .bag, the folder of a ROS 2 bag), perhaps with ``#`` and a key without namespace.
         frame: frame of clouds from files.
         pose: "x y z qx qy qz qw" of that frame in the world, where it is known, or "viewpoint": the one in the first
             .pcd file.
@@ -72,6 +73,9 @@ def open_source(
     path = Path(name).expanduser()
     if name == "ellipse":
         return Source(frame, 1.0, _ellipses, _pose(pose, frame, world_frame))
+    recording, _, key = name.partition("#")
+    if Path(recording).suffix.lower() in (".mcap", ".bag") or _is_bag_folder(Path(recording).expanduser()):
+        return _recording(Path(recording).expanduser(), key, _pose(pose, frame, world_frame))
     files = cloud_file.list_clouds(path) if path.is_dir() else [path] if path.suffix.lower() in _CLOUDS else []
     if files:
         first = _first_readable(files)
@@ -103,6 +107,18 @@ def placed(source: Source, pose: str, world_frame: str) -> TransformList | None:
     T_world_first = T_world_camera @ transform.inverse(T_first_camera)
     moved = stamped(T_world_first, first.header.frame_id, first.child_frame_id, Time.now())
     return TransformList(transforms=(moved, *rest))
+
+
+def _is_bag_folder(path: Path) -> bool:
+    return (path / "metadata.yaml").is_file() or (path.is_dir() and any(path.glob("*.mcap")))
+
+
+def _recording(path: Path, key: str, transforms: TransformList | None) -> Source:
+    """The clouds of a recording in their own frame; a pose that is given counts more than the recorded transforms."""
+    from zsight.recording.recorded_source import RecordedClouds
+
+    found = RecordedClouds.open(path, key)
+    return Source(found.frame_id, found.rate, found.clouds, transforms or found.transforms, found.camera_info)
 
 
 def _pose(pose: str, frame: str, world_frame: str, viewpoint: Viewpoint | None = None) -> TransformList | None:

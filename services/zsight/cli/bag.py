@@ -381,6 +381,28 @@ def convert(
 
 
 @app.command()
+def export(
+    file: File,
+    output: Annotated[Path, typer.Option("--output", "-o", metavar="FOLDER", help="Where the files go.")],
+    kind: Annotated[str, typer.Option("--to", help="pcd, ply, rgbd (image pairs), or mcap (plain clouds).")] = "pcd",
+    key: Annotated[str, typer.Option("--key", help="Only clouds on this key, without namespace.")] = "",
+    json: Json = False,
+) -> None:
+    """Every cloud of a recording as a file of its own; exit code 1 where some cannot be."""
+    from zsight.recording.export import export as export_clouds
+
+    with _progress() as say_share:
+        count, left = export_clouds(file, output, kind, key=key, say=say_share)
+    if json:
+        print_json({"output": str(output), "written": count, "left_out": left})
+    else:
+        for words, number in left.items():
+            say(f"{number} times {words}")
+        say(f"{output}: {count} {'messages' if kind == 'mcap' else 'clouds'}")
+    raise typer.Exit(1 if left else 0)
+
+
+@app.command()
 def rerun(
     file: File,
     catalogue: Annotated[

@@ -15,14 +15,7 @@ if TYPE_CHECKING:
 
     from zsight.recording.played import Recorded
 
-__all__ = ["is_recording", "open_recording"]
-
-
-def is_recording(path: Path) -> bool:
-    """Whether a path looks like one."""
-    if path.is_dir():
-        return (path / "metadata.yaml").is_file() or any(path.glob("*.mcap"))
-    return path.suffix.lower() in (".mcap", ".bag")
+__all__ = ["open_recording"]
 
 
 def open_recording(path: Path) -> Recorded:
