@@ -40,7 +40,7 @@ def check(path: Path) -> dict[str, Any]:
         errors += _wrong_chunks(file)
         gaps = _gaps(list(file.messages()))
         told = {m.name: m.entries for m in file.metadata}.get(LOSSES, {})
-    errors += _refused(path)
+    errors += _refused(path) if found.messages else []
     return {
         "file": str(path),
         "messages": found.messages,
