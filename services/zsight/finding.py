@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from zsight.convert import pose_of, vector
+from zsight.verifiers import verified
 from zsight_core.transform import inverse, transform_xyz
 from zsight_protocol.find_object import (
     ANY_TYPE,
@@ -64,7 +65,7 @@ def find(
     known = catalogue.models()
     wanted = known if name == ANY_TYPE else [catalogue.model(name)]
     rivals = known if name == ANY_TYPE else [model for model in known if model.name != name]
-    return finder.find(
+    answer = finder.find(
         points,
         wanted,
         scene=scene,
@@ -74,6 +75,7 @@ def find(
         rivals=rivals,
         checkpoint=checkpoint,
     )
+    return verified(answer, points, scene)
 
 
 def result_of(

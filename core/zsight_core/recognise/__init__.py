@@ -2,10 +2,17 @@
 
 A hypothesis need only be within about 10 mm and 10 degrees; refinement, verification, rivals, score and covariance come
 after it and know nothing of shapes. A new way is a new file and a line in ``_WAYS``.
+
+Other distributions bring ways too: an entry point of the group ``zsight.recognisers`` is called box, cylinder, sphere
+or mesh and names such a function, a network that proposes poses for instance. What it proposes is looked at beside the
+rest.
 """
 
 from __future__ import annotations
 
+import logging
+from functools import cache
+from importlib import metadata
 from typing import TYPE_CHECKING, Any
 
 from zsight_core.model import Box, Cylinder, Mesh, Shape, Sphere
@@ -16,7 +23,9 @@ if TYPE_CHECKING:
 
     from zsight_core.clues import Clues, Hypothesis
 
-__all__ = ["hypotheses"]
+__all__ = ["GROUP", "hypotheses", "plugged"]
+
+log = logging.getLogger(__name__)
 
 _WAYS: dict[type, Callable[[Any, Clues], list[Hypothesis]]] = {
     Box: box.hypotheses,
@@ -26,7 +35,23 @@ _WAYS: dict[type, Callable[[Any, Clues], list[Hypothesis]]] = {
 }
 
 
+GROUP = "zsight.recognisers"
+
+
 def hypotheses(shape: Shape, clues: Clues) -> list[Hypothesis]:
     """Where the shape might stand; empty for a shape that nothing here recognises."""
     way = _WAYS.get(type(shape))
-    return way(shape, clues) if way else []
+    found = way(shape, clues) if way else []
+    return [*found, *(guess for other in plugged(type(shape).__name__.lower()) for guess in other(shape, clues))]
+
+
+@cache
+def plugged(kind: str) -> tuple[Callable[[Any, Clues], list[Hypothesis]], ...]:
+    """Ways of other distributions for a kind of shape; what cannot be loaded is logged and left out."""
+    found = []
+    for point in sorted(metadata.entry_points(group=GROUP, name=kind), key=lambda point: point.value):
+        try:
+            found.append(point.load())
+        except (ImportError, AttributeError) as error:
+            log.warning("recogniser %s is left out: %s", point.value, error)
+    return tuple(found)
