@@ -18,11 +18,13 @@ if TYPE_CHECKING:
     from multiprocessing.connection import Connection
     from multiprocessing.process import BaseProcess
 
+    from zsight.bus import RawRequest
     from zsight.network import Network
 
 CAMERA = "kinect"
 _START = 60.0  # seconds for a process to start on a busy machine
 _ANSWER = 30.0  # seconds for a process to tell its figures
+_PATIENCE = 10.0  # seconds within which a request must end
 
 
 @dataclass(frozen=True)
@@ -135,6 +137,41 @@ def reader(pipe: Connection, network: Network, work: float) -> None:
         seen.append((now / 1e9, (now - received.message.header.stamp.ns) / 1e6, counted - number))
         if work:
             time.sleep(work)
+
+
+def server(pipe: Connection, network: Network) -> None:
+    """Answers requests with what was asked."""
+    from zsight.runtime import join
+
+    def answer(request: RawRequest) -> None:
+        request.reply(request.payload)
+        request.close()
+
+    bus = join(network)
+    bus.serve(bus.cell.find_object("bench"), answer)
+    pipe.send("ready")
+    threading.Event().wait()
+
+
+def asker(pipe: Connection, network: Network) -> None:
+    """Asks ten times a second; tells how often, how many had no end or no answer, how long each took (ms)."""
+    from zsight.runtime import join
+
+    times: list[float] = []
+    asked = hung = unanswered = 0
+    bus = join(network)
+    _tell(pipe, lambda: (asked, hung, unanswered, [times.pop(0) for _ in range(len(times))]))
+    while True:
+        begin = time.perf_counter()
+        asked += 1
+        replies = bus.ask(bus.cell.find_object("bench"), b"ping", _PATIENCE)
+        try:
+            unanswered += replies.take(_PATIENCE + 1) != b"ping"
+        except TimeoutError:
+            hung += 1
+        replies.close()
+        times.append((time.perf_counter() - begin) * 1e3)
+        time.sleep(0.1)
 
 
 def burner(pipe: Connection) -> None:

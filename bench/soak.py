@@ -1,4 +1,4 @@
-"""Clouds at a camera's rate to three readers, one of them slow, for minutes: what is lost, what grows.
+"""Clouds at a camera's rate to three readers, one of them slow, and requests, for minutes: what is lost, what grows.
 
 python soak.py --minutes 10              as long as it is to hold
 python soak.py --minutes 0.3 --burners 8     beside eight processes that burn processor time
@@ -13,7 +13,7 @@ from contextlib import ExitStack
 from typing import Any
 
 import numpy as np
-from bus_processes import Member, burner, cell, member, reader, router, writer
+from bus_processes import Member, asker, burner, cell, member, reader, router, server, writer
 from progress import tell
 
 _RATE = 30.0
@@ -38,6 +38,8 @@ def run(minutes: float = 10.0, burners: int = 0) -> list[dict[str, Any]]:
         members["camera"] = stack.enter_context(member(writer, network, _RATE, 480, 640))
         for name, work in (("fast reader", 0.0), ("other fast reader", 0.0), ("slow reader", _SLOW)):
             members[name] = stack.enter_context(member(reader, network, work))
+        members["server"] = stack.enter_context(member(server, network))
+        members["asker"] = stack.enter_context(member(asker, network))
         for _ in range(burners):
             stack.enter_context(member(burner))
         soak = _Soak(members)
@@ -54,7 +56,8 @@ class _Soak:
     def __init__(self, members: dict[str, Member]) -> None:
         self._members = members
         self._told = time.monotonic()
-        self.sent = 0
+        self.sent = self.asked = self.hung = self.unanswered = 0
+        self.answered_ms: list[float] = []
         self.counts: dict[str, dict[str, Any]] = {}
         self.seen: dict[str, list[tuple[float, float, int]]] = {name: [] for name in members if "reader" in name}
 
@@ -64,6 +67,8 @@ class _Soak:
         while (left := end - time.monotonic()) > 0:
             time.sleep(min(_LOOK, left))
             self.sent = self._members["camera"].figures()[0]
+            self.asked, self.hung, self.unanswered, new = self._members["asker"].figures()
+            self.answered_ms += new
             for name in self.seen:
                 self.counts[name], new = self._members[name].figures()
                 self.seen[name] += new
@@ -73,7 +78,7 @@ class _Soak:
     def _tell(self) -> None:
         self._told = time.monotonic()
         words = (f"{name} {c['received']} received, {c['lost']} lost" for name, c in self.counts.items())
-        tell(f"{self.sent} sent; {'; '.join(words)}")
+        tell(f"{self.sent} sent; {'; '.join(words)}; {self.asked} asked, {self.hung} hang")
 
 
 def _rows(soak: _Soak, grown: dict[str, int], burners: int) -> list[dict[str, Any]]:
@@ -92,6 +97,9 @@ def _rows(soak: _Soak, grown: dict[str, int], burners: int) -> list[dict[str, An
         add(f"{name}: lost and not counted", max(min(surplus[:_CALM]) - min(surplus[-_CALM:]), 0), "clouds", 0)
         p50, p99 = np.percentile([age for _, age, _ in soak.seen[name]], [50, 99])
         add(f"{name}: age of a cloud, median", float(p50), "ms", None, p99=round(float(p99), 2))
+    add("requests without an end", soak.hung, f"of {soak.asked}", 0)
+    add("requests without an answer", soak.unanswered, f"of {soak.asked}", None)
+    add("longest request", max(soak.answered_ms), "ms", None)
     for name, size in grown.items():
         add(f"{name}: growth of its memory", size / 2**20, "MiB", 2.0)
     return rows
