@@ -14,6 +14,8 @@ BENCH = Path(__file__).resolve().parents[2] / "bench"
 
 pytestmark = [
     pytest.mark.system,
+    pytest.mark.timeout(240),  # burners and busy machines make the start of processes slow
+    pytest.mark.usefixtures("warm_kernels"),
     pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="memory is read from Linux's /proc"),
 ]
 
@@ -21,7 +23,7 @@ pytestmark = [
 def rows_of(program: str, *options: str) -> dict[str, dict[str, Any]]:
     """What a bench measured, by name."""
     command = [sys.executable, str(BENCH / program), "--json", *options]
-    done = subprocess.run(command, stdout=subprocess.PIPE, timeout=100, check=True)
+    done = subprocess.run(command, stdout=subprocess.PIPE, timeout=220, check=True)
     return {row["name"]: row for row in json.loads(done.stdout)["rows"]}
 
 
@@ -61,6 +63,6 @@ def test_beside_eight_burners_every_loss_is_counted_and_no_request_hangs() -> No
 
 
 def test_mutated_messages_on_all_channels_are_counted_and_harm_nothing() -> None:
-    rows = rows_of("fuzz_bus.py", "--messages", "3000")
+    rows = rows_of("fuzz_bus.py", "--messages", "2400")
     assert not failed(rows)
     assert rows["processes that fell"]["fates"]["refused"] > 1000
