@@ -15,11 +15,15 @@ import threading
 import time
 from contextlib import ExitStack
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from bus_processes import _tell, cell, member
+from hypothesis import Phase, given, settings
 
 from zsight_protocol.channels import CHANNELS, Cell, Delivery
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # the tests know how to draw every legal message
 
 if TYPE_CHECKING:
     from multiprocessing.connection import Connection
@@ -28,6 +32,19 @@ if TYPE_CHECKING:
     from zsight.network import Network
     from zsight_protocol.message import Message
 
+_HOST = "bench"  # what the services take for the name of this host
+_READ = {
+    "*/points": "kinect/points",
+    "*/camera_info": "kinect/camera_info",
+    "*/selected_points": "kinect/selected_points",
+    "find_object/*": "find_object/finder",
+    "find_object/*/cancel": "find_object/finder/cancel",
+    "find_object/*/result": "find_object/finder/result",
+    "catalog/*": "catalog/toy_block",
+    "param/*/*": f"param/{_HOST}/voxel",
+}
+"""What services read or answer, by pattern."""
+_LEGAL = 20  # legal messages of a kind, of which mutated ones are made
 _SERVICES = ("router", "voxel", "planes", "finder")
 _START = 90.0  # seconds for the services to be ready
 _PATIENCE = 10.0  # seconds within which every request must end
@@ -79,10 +96,13 @@ def _rows(
 
 
 def _start(stack: ExitStack, network: Network) -> dict[str, subprocess.Popen[bytes]]:
+    settings_folder = stack.enter_context(TemporaryDirectory())  # what a mutated request saves is gone with it
+    own = {"ZSIGHT_HOST": _HOST, "XDG_CONFIG_HOME": settings_folder}
+    environment = os.environ | network.environment() | own
     services = {}
     for name in _SERVICES:
         command = [sys.executable, "-m", "zsight", "run", name]
-        process = subprocess.Popen(command, env=os.environ | network.environment(), stderr=subprocess.DEVNULL)
+        process = subprocess.Popen(command, env=environment, stderr=subprocess.DEVNULL)
         stack.callback(process.wait)
         stack.callback(process.terminate)
         services[name] = process
@@ -119,16 +139,7 @@ def read_everything(pipe: Connection, network: Network) -> None:
 
 def _key(cell: Cell, pattern: str) -> str:
     """Where the services read it; a name of its own for what they write, so that only what is sent here is counted."""
-    read = {
-        "*/points": "kinect",
-        "*/camera_info": "kinect",
-        "*/selected_points": "kinect",
-        "find_object/*": "finder",
-        "find_object/*/cancel": "finder",
-        "find_object/*/result": "finder",
-        "catalog/*": "toy_block",
-    }
-    return f"{cell.namespace}/{pattern.replace('*', read.get(pattern, 'fuzz'))}"
+    return f"{cell.namespace}/{_READ.get(pattern, pattern.replace('*', 'fuzz'))}"
 
 
 class _Fuzzer:
@@ -144,7 +155,7 @@ class _Fuzzer:
     def fire(self, messages: int) -> None:
         for number in range(messages):
             channel = self._channels[number % len(self._channels)]
-            payload = mutated(self._legal[channel.pattern], self._rng)
+            payload = mutated(self._rng.choice(self._legal[channel.pattern]), self._rng)
             if channel.delivery is Delivery.REQUEST:
                 self._ask(_key(self._bus.cell, channel.pattern), payload)
             else:
@@ -204,7 +215,7 @@ class _Fuzzer:
         """One more message where the network may have dropped the last: a gap shows when the next one comes."""
         for channel in self._channels:
             if channel.delivery is Delivery.LATEST and channel.pattern in self._writers:
-                self._put(channel.pattern, channel.delivery, self._legal[channel.pattern])
+                self._put(channel.pattern, channel.delivery, self._legal[channel.pattern][0])
 
 
 def mutated(data: bytes, rng: random.Random) -> bytes:
@@ -226,42 +237,25 @@ def mutated(data: bytes, rng: random.Random) -> bytes:
     return bytes(changed)
 
 
-def _legal(kind: type[Message] | None) -> bytes:
-    """The bytes of a legal message of a kind, with as much in it as can be mutated."""
-    from zsight_protocol import action, camera_info, find_object, geometry, health, object_type, point_cloud
-    from zsight_protocol.codec import encode
-    from zsight_protocol.message import Header, Time
+def _legal(kind: type[Message]) -> list[bytes]:
+    """The bytes of some legal messages of a kind, drawn as the tests of the protocol draw them."""
+    from tests.protocol.legal_messages import messages
 
-    header = Header(stamp=Time.now(), frame_id="camera_optical_frame")
-    goal = action.new_goal_id()
-    fields = tuple(
-        point_cloud.PointField(name=name, offset=4 * i, datatype=point_cloud.Datatype.FLOAT32)
-        for i, name in enumerate(("x", "y", "z", "rgb"))
-    )
-    step = geometry.TransformStamped(header=header, child_frame_id="camera", transform=geometry.Transform())
-    legal: list[Message] = [
-        point_cloud.PointCloud2(
-            header=header, height=4, width=8, fields=fields, is_bigendian=False, point_step=16, row_step=128,
-            is_dense=True, data=bytes(range(256)) * 2,
-        ),
-        camera_info.CameraInfo(header=header, height=4, width=8, k=(1.0,) * 9, r=(1.0,) * 9, p=(1.0,) * 12),
-        geometry.Plane(
-            header=header, normal=geometry.Vector3(z=1.0), distance=-1.0, pose=geometry.Pose(), inliers=9,
-            tolerance=0.01, rms=0.001,
-        ),
-        geometry.TransformList(transforms=(step, step)),
-        find_object.FindObjectGoal(goal_id=goal, object_type="toy_block", timeout=0.05),
-        action.CancelRequest(goal_id=goal),
-        action.ResultRequest(goal_id=goal),
-        action.GoalStatusList(server="finder"),
-        action.Update[find_object.FindObjectResult](goal_id=goal, state=action.GoalState.EXECUTING, final=False),
-        object_type.CatalogRequest(action="get", name="toy_block"),
-        health.Health(
-            header=header, host="host", process="fuzz", service="voxel", pid=1, version="0", started=Time.now(),
-            level=health.Level.OK,
-        ),
-    ]  # fmt: skip
-    return next(encode(message) for message in legal if type(message) is kind)
+    from zsight_protocol.action import new_goal_id
+    from zsight_protocol.codec import encode
+    from zsight_protocol.find_object import FindObjectGoal
+
+    if kind is FindObjectGoal:  # one that ends soon
+        return [encode(FindObjectGoal(goal_id=new_goal_id(), object_type="toy_block", timeout=0.05))]
+    drawn: list[bytes] = []
+
+    @settings(max_examples=_LEGAL, derandomize=True, database=None, phases=[Phase.generate], deadline=None)
+    @given(messages(kind))
+    def draw(message: Message) -> None:
+        drawn.append(encode(message))
+
+    draw()
+    return drawn
 
 
 def main() -> None:

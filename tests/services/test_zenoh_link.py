@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from zsight.bus import Bus, RawSample
+    from zsight.bus import Bus, RawRequest, RawSample
 
     Join = Callable[[], Bus]
 
@@ -83,6 +83,20 @@ def test_what_must_not_be_lost_stays_out_of_shared_memory(join_zenoh: Join) -> N
     held = samples.wait(count)
     assert not any(is_shared(sample) for sample in held)
     assert [sample.take() for sample in held] == [b"head" + payload(number) for number in range(count)]
+
+
+def test_requests_never_ride_on_shared_memory(join_zenoh: Join) -> None:
+    server, client = join_zenoh(), join_zenoh()
+    ridden: Arrivals[bool] = Arrivals()
+
+    def answer(request: RawRequest) -> None:
+        ridden.add(request._query.payload.as_shm() is not None)  # type: ignore[attr-defined]  # Zenoh's own word
+        request.reply(request.payload)
+        request.close()
+
+    server.serve("test/asked", answer)
+    assert soon(lambda: client.ask("test/asked", payload(5, 1 << 19), DEADLINE).take(DEADLINE) == payload(5, 1 << 19))
+    assert not any(ridden.all)
 
 
 def test_a_reader_that_keeps_its_clouds_takes_none_from_others(join_zenoh: Join) -> None:
