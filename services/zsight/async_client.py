@@ -14,14 +14,14 @@ if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Callable, Iterator
 
     from zsight.action_client import GoalCall
-    from zsight.catalogue_client import Catalog
+    from zsight.catalogue_client import Catalog, Lesson
     from zsight.client import Cloud, FindOptions
     from zsight.levelling import CameraLevel
     from zsight.merging import MergedAnswer
     from zsight_protocol.action import CancelResponse, Update
     from zsight_protocol.find_object import FindObjectResult
     from zsight_protocol.geometry import Plane
-    from zsight_protocol.object_type import ObjectType
+    from zsight_protocol.object_type import Derived, ObjectType, Taught
     from zsight_protocol.point_cloud import PointCloud2
 
 __all__ = ["AsyncCatalog", "AsyncCellClient", "AsyncGoalCall", "connect_async"]
@@ -129,13 +129,21 @@ class AsyncCatalog:
         """All types."""
         return await asyncio.to_thread(self._catalog.list)
 
-    async def get(self, name: str) -> ObjectType:
-        """One type by name or number."""
-        return await asyncio.to_thread(self._catalog.get, name)
+    async def get(self, name: str, version: int | None = None) -> ObjectType:
+        """One type by name or number, as it is or as it was in some version."""
+        return await asyncio.to_thread(self._catalog.get, name, version)
 
-    async def add(self, kind: ObjectType) -> str:
+    async def derived(self, name: str) -> Derived:
+        """What follows from the shape of a type."""
+        return await asyncio.to_thread(self._catalog.derived, name)
+
+    async def add(self, kind: ObjectType, mesh: bytes = b"") -> str:
         """Add a type to every finder, or change the one of its name; what they say."""
-        return await asyncio.to_thread(self._catalog.add, kind)
+        return await asyncio.to_thread(self._catalog.add, kind, mesh)
+
+    async def teach(self, name: str, **lesson: Unpack[Lesson]) -> tuple[ObjectType, Taught]:
+        """Make a type of a thing that stands before a camera, and add it to every finder."""
+        return await asyncio.to_thread(lambda: self._catalog.teach(name, **lesson))
 
     async def remove(self, name: str) -> str:
         """Remove a type from every finder that knows it; what they say."""

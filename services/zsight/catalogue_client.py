@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypedDict, Unpack
 
 from pydantic import ValidationError
 
@@ -18,9 +18,32 @@ if TYPE_CHECKING:
     from zsight.bus import Bus
     from zsight_protocol.object_type import Derived, ObjectType
 
-__all__ = ["Catalog"]
+__all__ = ["Catalog", "Lesson"]
 
 _EVERY = "*"
+
+
+class Lesson(TypedDict, total=False):
+    """What may be said of a thing that a type is made of.
+
+    place: any place in the thing or near it, metres; left out: the only thing on the best surface.
+    frame: of the place and of the answer; empty: the world where it is known, else the camera's.
+    camera: whose clouds are looked at; empty: any that a finder reads.
+    shape: box, cylinder, lying cylinder or sphere; empty: the one that fits best.
+    code: number of the type.
+    notes: for people.
+    keep: False: it is only measured.
+    timeout: seconds; 20 if not given.
+    """
+
+    place: tuple[float, float, float] | None
+    frame: str
+    camera: str
+    shape: str
+    code: int | None
+    notes: str
+    keep: bool
+    timeout: float
 
 
 class Catalog:
@@ -76,31 +99,12 @@ class Catalog:
         """
         return _words([answer for answer in self._ask(_about("delete", name), name) if answer.ok])
 
-    def teach(
-        self,
-        name: str,
-        *,
-        place: tuple[float, float, float] | None = None,
-        frame: str = "",
-        camera: str = "",
-        shape: str = "",
-        code: int | None = None,
-        notes: str = "",
-        keep: bool = True,
-        timeout: float = 20.0,
-    ) -> tuple[ObjectType, Taught]:
+    def teach(self, name: str, **lesson: Unpack[Lesson]) -> tuple[ObjectType, Taught]:
         """Make a type of a thing that stands before a camera, and add it to every finder.
 
         Args:
             name: of the new type.
-            place: any place in the thing or near it, metres; left out: the only thing on the best surface.
-            frame: of the place and of the answer; empty: the world where it is known, else the camera's.
-            camera: whose clouds are looked at; empty: any that a finder reads.
-            shape: box, cylinder, lying cylinder or sphere; empty: the one that fits best.
-            code: number of the type.
-            notes: for people.
-            keep: False: it is only measured.
-            timeout: seconds.
+            lesson: see Lesson.
 
         Returns:
             The type, and where the thing stands, how well the shape explains it, and a picture (PNG).
@@ -111,14 +115,21 @@ class Catalog:
             UsageError: an argument makes no sense.
         """
         try:
-            asked = Teaching(camera=camera, place=place, frame_id=frame, shape=shape, code=code, notes=notes)
+            asked = Teaching(
+                camera=lesson.get("camera", ""),
+                place=lesson.get("place"),
+                frame_id=lesson.get("frame", ""),
+                shape=lesson.get("shape", ""),
+                code=lesson.get("code"),
+                notes=lesson.get("notes", ""),
+            )
         except ValidationError as error:
             raise UsageError(str(DecodeError.from_validation("lesson", error))) from None
         request = _about("teach", name).model_copy(update={"teaching": asked})
-        answer = self._ask(request, name, timeout)[0]
+        answer = self._ask(request, name, lesson.get("timeout", 20.0))[0]
         if answer.taught is None:
             raise RequestRefused(f"the finder measured nothing for {name}")
-        if keep:
+        if lesson.get("keep", True):
             self.add(answer.types[0])
         return answer.types[0], answer.taught
 

@@ -20,7 +20,7 @@ from zsight.catalogue_server import serve_catalogue
 from zsight.clocks import ask_clocks
 from zsight.convert import points_of
 from zsight.errors import ConnectionLost, UsageError, ZsightError
-from zsight.scenes import Scenes
+from zsight.scene_cache import SceneCache
 from zsight.settings import Live
 from zsight.settings import Settings as ServiceSettings
 from zsight.tracks import Tracks
@@ -119,7 +119,7 @@ class FindObject:
         self._came = threading.Condition()
         self._stages: OrderedDict[int, dict[str, float]] = OrderedDict()
         self._tracks = Tracks()
-        self._scenes = Scenes(bus.writer(bus.cell.scene(settings.camera), Scene), settings.name)
+        self._scenes = SceneCache(bus.writer(bus.cell.scene(settings.camera), Scene), settings.name)
 
     def start_reading(self) -> None:
         """Keep the newest cloud and all transforms, and publish scenes, on threads that end with the bus."""

@@ -289,6 +289,9 @@ def test_the_asyncio_twin_knows_the_catalogue_and_the_finders(two: Finders) -> N
         client = AsyncCellClient(two.client)
         assert await client.finders() == ["left", "right"]
         kind = await client.catalog.get("toy_block")
+        assert (await client.catalog.derived("toy_block")).size == (0.035, 0.2, 0.035)
+        with pytest.raises(RequestRefused, match="nothing can be taught"):
+            await client.catalog.teach("bar")
         await client.catalog.remove("toy_block")
         assert "toy_block" not in [other.name for other in await client.catalog.list()]
         await client.catalog.add(kind)

@@ -76,7 +76,8 @@ def start(join_memory: Join, view: tuple[Points, TransformList]) -> Iterator[Cal
 
     def started(**settings: Any) -> Stage:
         stage = Stage(join_memory, view)
-        contexts.append(running(finder.run, join_memory(), finder.Settings.model_validate(settings)))
+        patient = {"oldest": 100, **settings}  # several finds on one cloud, however slow the machine is
+        contexts.append(running(finder.run, join_memory(), finder.Settings.model_validate(patient)))
         contexts[-1].__enter__()
         return stage
 
@@ -191,6 +192,40 @@ def test_goals_on_one_cloud_share_its_scene(start: Callable[..., Stage], monkeyp
     assert soon(lambda: bool(stage.client.find("toy_block").objects) and len(understood) == 2)
 
 
+def test_millimetres_are_told(start: Callable[..., Stage]) -> None:
+    stage = start()
+    for axis in "xyz":
+        stage.points = stage.points.copy()
+        stage.points[axis] *= 1000
+    stage.show()
+    result = stage.client.find("toy_block", timeout=60)
+    assert (result.status, result.objects) == (Status.CANNOT_TELL, ())
+    assert "these look like millimetres: divide by 1000" in result.message
+
+
+def test_a_cloud_without_rows_is_searched(start: Callable[..., Stage]) -> None:
+    stage = start()
+    scenes = stage.client.bus.reader(stage.client.bus.cell.scene("kinect"), Scene)
+    seen = stage.points[np.isfinite(stage.points["z"])]
+    stage.points = np.random.default_rng(0).permutation(seen).reshape(1, -1)
+    stage.show()
+    (block,) = stage.client.find("toy_block", timeout=60).objects
+    assert matrix_of(block.pose)[:3, 3] == pytest.approx(T_WORLD_BLOCK[:3, 3], abs=0.003)
+    assert taken(scenes).labels is None
+
+
+def test_a_broken_mesh_in_the_folder_stops_no_finder(
+    start: Callable[..., Stage], tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    (tmp_path / "part.yaml").write_text("name: part\nshape:\n  mesh: {file: part.stl}\n")
+    (tmp_path / "part.stl").write_bytes(b"this is no mesh")
+    stage = start(catalogue=str(tmp_path))
+    stage.show()
+    assert stage.client.find("toy_block", timeout=60).objects
+    assert "object type part cannot be found" in caplog.text
+    assert "part.stl" in stage.client.find("part").message
+
+
 # The scene.
 
 
@@ -239,7 +274,7 @@ def test_a_cloud_without_data_ends_no_scenes(start: Callable[..., Stage], caplog
 
 def test_the_same_cloud_gives_the_same_answer_bit_for_bit(start: Callable[..., Stage]) -> None:
     """From two finders, each asked twice: all bytes of the answer but its finder and how long things took."""
-    stage, _ = start(name="one", oldest=100), start(name="two", oldest=100)
+    stage, _ = start(name="one"), start(name="two")
     stamp, answers = stage.show(), set()
     for name in ("one", "two", "one", "two"):
         result = stage.client.find("any", finder=name, maximum=0, timeout=60)
@@ -259,7 +294,7 @@ def shifted(points: Points, metres: float) -> Points:
 
 
 def test_an_object_keeps_its_name_while_it_moves_a_little(start: Callable[..., Stage]) -> None:
-    stage = start(oldest=100)
+    stage = start()
     first = stage.points
     names = []
     for metres in (0.0, 0.05, 0.1, 0.4):
@@ -272,7 +307,7 @@ def test_an_object_keeps_its_name_while_it_moves_a_little(start: Callable[..., S
 
 
 def test_all_types_at_once_and_what_is_not_known(start: Callable[..., Stage]) -> None:
-    stage = start(oldest=100)
+    stage = start()
     stage.show()
     everything = stage.client.find("any", maximum=0, timeout=60)
     assert {found.type for found in everything.objects} == {"table_surface", "toy_block"}
@@ -301,7 +336,7 @@ def test_the_cameras_own_doubt_is_told_apart(start: Callable[..., Stage]) -> Non
 
 
 def test_a_thing_is_taught_and_then_found(start: Callable[..., Stage], tmp_path: Path) -> None:
-    stage = start(catalogue=str(tmp_path), oldest=100)
+    stage = start(catalogue=str(tmp_path))
     stamp = stage.show()
     stage.client.catalog.remove("toy_block")
     kind, taught = stage.client.catalog.teach("bar", code=4711, notes="Red.")

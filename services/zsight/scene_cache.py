@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from zsight_protocol import scene as message
     from zsight_protocol.point_cloud import PointCloud2
 
-__all__ = ["Scenes"]
+__all__ = ["SceneCache"]
 
 _KEPT = 2  # scenes with their clouds, which may be large: of two clouds, or of one with and without a height given
 _STEP = 0.01  # seconds between two looks at whether the goal was cancelled
@@ -42,7 +42,7 @@ class _Seen:
         return self.cloud is cloud and self.known_height == known_height and self.levelled == levelled
 
 
-class Scenes:
+class SceneCache:
     """Makes scenes, keeps the last few, publishes them where somebody reads them."""
 
     def __init__(self, writer: Writer[message.Scene], finder: str) -> None:
