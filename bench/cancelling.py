@@ -50,7 +50,7 @@ def cancel_waits(endpoint: str, folder: Path) -> list[float]:
     finally:
         for process in processes:
             process.terminate()
-            process.wait(10)
+            process.wait(60)
 
 
 def _crowded_scene(folder: Path) -> Path:

@@ -196,7 +196,7 @@ class CellClient:
             RequestRefused: the type is not known.
             ServerBusy: the finder has no room for another goal.
             GoalCancelled: somebody cancelled it.
-            DeadlinePassed: no answer in time.
+            DeadlinePassed: no answer in time; its ``known`` is what the finder knew by then.
             NobodyAnswers: no finder of this name is there.
             ServerLost: it died or was cut off meanwhile.
             UsageError: an option makes no sense.
@@ -353,7 +353,7 @@ def answer_of(update: Update[FindObjectResult]) -> FindObjectResult:
     if update.state is GoalState.CANCELLED or result.code is ResultCode.CANCELLED:
         raise GoalCancelled(result.message)
     if result.deadline_passed:
-        raise DeadlinePassed(result.message)
+        raise DeadlinePassed(result.message, result)
     return result
 
 

@@ -14,6 +14,11 @@ ZsightError                 1
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from zsight_protocol.find_object import FindObjectResult
+
 __all__ = [
     "ConnectionLost",
     "DeadlinePassed",
@@ -77,9 +82,14 @@ class ServerBusy(ZsightError):
 
 
 class DeadlinePassed(ZsightError):
-    """No answer within the time allowed."""
+    """No answer within the time allowed; ``known`` is what the finder knew by then, where it could still say so."""
 
     exit_code = 4
+
+    def __init__(self, message: str, known: FindObjectResult | None = None) -> None:
+        """Args: what happened; the result that a finder gave in time, marked as deadline."""
+        super().__init__(message)
+        self.known = known
 
 
 class GoalCancelled(ZsightError):

@@ -66,8 +66,9 @@ def test_answers_are_no_errors(code: ResultCode) -> None:
 
 def test_a_deadline_and_no_result_are_errors() -> None:
     late = result("late", ResultCode.NOT_FOUND).model_copy(update={"deadline_passed": True})
-    with pytest.raises(DeadlinePassed):
+    with pytest.raises(DeadlinePassed) as caught:
         answer_of(final(late, GoalState.ABORTED))
+    assert caught.value.known is late
     with pytest.raises(RequestRefused, match="aborted without a result"):
         answer_of(final(None, GoalState.ABORTED))
 

@@ -10,7 +10,7 @@ import typer
 
 from zsight.cli.options import CameraPose, Connect, Intrinsics, Json, Namespace, Picture, network_of, refuse_options
 from zsight.cli.output import numbers, print_json, say
-from zsight.errors import UsageError
+from zsight.errors import DeadlinePassed, UsageError
 
 if TYPE_CHECKING:
     from zsight.merging import MergedAnswer, MergedObject
@@ -91,10 +91,15 @@ def find(
     else:
         from zsight.cli.asking import ask
 
-        result = ask(
-            network_of(connect, namespace), object_type, finder=finder, frame=frame, timeout=timeout,
-            known_height=known_height, region=box, new=new, maximum=0 if every else 1, picture=picture, quiet=json,
-        )  # fmt: skip
+        try:
+            result = ask(
+                network_of(connect, namespace), object_type, finder=finder, frame=frame, timeout=timeout,
+                known_height=known_height, region=box, new=new, maximum=0 if every else 1, picture=picture, quiet=json,
+            )  # fmt: skip
+        except DeadlinePassed as late:
+            if json and late.known is not None:
+                print_json(result_json(late.known))
+            raise
     if json:
         print_json(result_json(result))
     else:
@@ -139,6 +144,7 @@ def result_json(result: FindObjectResult) -> dict[str, Any]:
         "objects": [_object_json(found) for found in result.objects],
         "obstacles": [_obstacle_json(obstacle) for obstacle in result.obstacles],
         "p_absent": result.p_absent,
+        "deadline_passed": result.deadline_passed,
         "report": result.report,
         "timings_ms": result.timings_ms,
     }
