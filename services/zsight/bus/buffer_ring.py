@@ -55,7 +55,7 @@ class BufferRing:
             try:
                 if size > self._largest:
                     self._make(max(size + size // 4 if self._largest else size, _SMALLEST))
-                if not self._buffers:
+                if size > self._largest:
                     return None
                 shared = self._take(size)
             except zenoh.ZError as error:
