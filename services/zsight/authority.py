@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-__all__ = ["Authority", "expiry"]
+__all__ = ["Authority", "expiry", "name_in"]
 
 _AUTHORITY_KEY = "ca.key"
 _ISSUERS = "issuers"
@@ -151,6 +151,19 @@ def expiry(certificate: Path) -> datetime:
         return x509.load_pem_x509_certificate(certificate.read_bytes()).not_valid_after_utc
     except (OSError, ValueError) as error:
         raise UsageError(f"{certificate} is no certificate: {error}") from None
+
+
+def name_in(certificate: Path) -> str:
+    """Whose certificate it is.
+
+    Raises:
+        UsageError: the file is none.
+    """
+    try:
+        subject = x509.load_pem_x509_certificate(certificate.read_bytes()).subject
+    except (OSError, ValueError) as error:
+        raise UsageError(f"{certificate} is no certificate: {error}") from None
+    return str(subject.get_attributes_for_oid(NameOID.COMMON_NAME)[0].value)
 
 
 def _sign(

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from zsight.identity import CA, CERTIFICATE, KEY
 
-__all__ = ["answers", "what_happened"]
+__all__ = ["trouble_at", "what_happened"]
 
 _PATIENCE = 1.0  # seconds for an answer
 _ALERT = 0.2  # seconds that a router's refusal of a certificate takes at most to come behind the handshake
@@ -25,11 +25,6 @@ _WORDS = {
 }
 
 
-def answers(endpoint: str, keys: str = "") -> bool:
-    """Whether a router can be called there."""
-    return _try(endpoint, keys) is None
-
-
 def what_happened(endpoint: str, keys: str = "") -> str:
     """The endpoint, and what became of a call there.
 
@@ -37,11 +32,11 @@ def what_happened(endpoint: str, keys: str = "") -> str:
         endpoint: such as tcp/192.0.2.7:7447.
         keys: folder of this host's keys, for tls.
     """
-    return f"{endpoint}: {_try(endpoint, keys) or _NO_ROUTER}"
+    return f"{endpoint}: {trouble_at(endpoint, keys) or _NO_ROUTER}"
 
 
-def _try(endpoint: str, keys: str) -> str | None:
-    """What went wrong, none where nothing did."""
+def trouble_at(endpoint: str, keys: str = "") -> str | None:
+    """What goes wrong in a call, none where somebody answers."""
     protocol, _, rest = endpoint.partition("/")
     host, _, port = rest.partition("#")[0].partition("?")[0].rpartition(":")
     if protocol not in ("tcp", "tls"):

@@ -10,7 +10,7 @@ from pathlib import Path
 if sys.platform != "win32":  # there segments vanish with their last process
     import fcntl
 
-__all__ = ["free_bytes", "leave", "remove_orphans"]
+__all__ = ["free_bytes", "leave", "remove_orphans", "total_bytes"]
 
 _FOLDER = Path("/dev/shm")  # noqa: S108  where Linux keeps POSIX shared memory
 
@@ -22,6 +22,15 @@ def free_bytes(folder: Path = _FOLDER) -> int:
     except (OSError, AttributeError):  # Windows has no statvfs, other systems no such folder
         return sys.maxsize
     return room.f_bavail * room.f_frsize
+
+
+def total_bytes(folder: Path = _FOLDER) -> int:
+    """Shared memory that this host or container has; without bound where the system does not say."""
+    try:
+        room = os.statvfs(folder)
+    except (OSError, AttributeError):
+        return sys.maxsize
+    return room.f_blocks * room.f_frsize
 
 
 def remove_orphans(folder: Path = _FOLDER) -> int:

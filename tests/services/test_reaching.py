@@ -10,7 +10,7 @@ import pytest
 from zsight.bus.zenoh_link import open_link
 from zsight.errors import ConnectionLost
 from zsight.network import Network
-from zsight.reaching import answers, what_happened
+from zsight.reaching import trouble_at, what_happened
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -35,12 +35,12 @@ def nobody(somebody: str) -> str:
 
 def test_nobody_listens(nobody: str) -> None:
     assert what_happened(nobody).startswith(f"{nobody}: refused: the host is there and nobody listens")
-    assert not answers(nobody)
+    assert trouble_at(nobody)
 
 
 def test_somebody_else_listens(somebody: str) -> None:
     assert what_happened(somebody).startswith(f"{somebody}: somebody answers, but no router")
-    assert answers(somebody)
+    assert trouble_at(somebody) is None
 
 
 @pytest.mark.parametrize(

@@ -30,6 +30,7 @@ COMMANDS = {
     "param": "parameters:app",
     "view": "viewing:view",
     "keys": "keys:app",
+    "doctor": "doctoring:doctor",
     "logs": "logs:logs",
     "why": "explaining:why",
     "calibrate": "explaining:calibrate",
