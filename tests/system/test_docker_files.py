@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
 
+from zsight.identity import read_hosts, read_identity
+from zsight.roles import ROLES
 from zsight.services import SERVICES, service
 from zsight.settings import parse
 
@@ -30,22 +34,58 @@ def options(command: list[str]) -> dict[str, str]:
     return {name.removeprefix("--"): value for name, value in zip(command[2::2], command[3::2], strict=True)}
 
 
+def processes(compose: dict[str, Any]) -> dict[str, Any]:
+    """The containers that stay: all but the one that makes keys."""
+    return {name: container for name, container in compose["services"].items() if name != "keys"}
+
+
 def test_every_container_runs_a_service_of_the_table(compose: dict[str, Any]) -> None:
-    for name, container in compose["services"].items():
+    for name, container in processes(compose).items():
         assert container["command"][:2] == ["run", name]
         settings = {k: v for k, v in options(container["command"]).items() if k not in ("listen", "connect")}
         parse(service(name).settings(), settings)
-    assert set(compose["services"]) <= {row.name for row in SERVICES}
+    assert set(processes(compose)) <= {row.name for row in SERVICES}
 
 
 def test_a_router_and_all_that_finding_needs_are_there(compose: dict[str, Any]) -> None:
-    assert set(compose["services"]) >= {"router", "camera", "voxel", "planes", "finder"}
+    assert set(compose["services"]) >= {"router", "camera", "voxel", "planes", "finder", "recorder"}
 
 
 def test_everybody_joins_the_port_on_which_the_router_listens(compose: dict[str, Any]) -> None:
     listen = options(compose["services"]["router"]["command"])["listen"]
-    for container in compose["services"].values():
-        assert container["environment"]["ZSIGHT_CONNECT"] == listen.replace("0.0.0.0", "router")  # noqa: S104  in a container
+    for name, container in processes(compose).items():
+        host = "localhost" if name == "router" else "router"
+        assert container["environment"]["ZSIGHT_CONNECT"] == listen.replace("0.0.0.0", host)  # noqa: S104  in a container
+
+
+def test_every_process_has_keys_of_its_own_that_are_made(compose: dict[str, Any]) -> None:
+    made = re.findall(r"for host in ([a-z ]+);", compose["services"]["keys"]["command"][0])
+    for name, container in processes(compose).items():
+        assert container["environment"]["ZSIGHT_KEYS"] == f"keys/{name}"
+        assert "keys:/home/zsight/keys:ro" in container["volumes"]
+        assert name in made[1].split()
+        assert name == "router" or name in made[0].split()
+        assert name in ROLES
+    assert "authority" not in str([container["volumes"] for container in processes(compose).values()])
+
+
+def test_every_process_is_asked_by_the_doctor_how_it_is(compose: dict[str, Any]) -> None:
+    for name, container in processes(compose).items():
+        assert container["healthcheck"]["test"] == ["CMD", "zsight", "doctor", "--process", name]
+
+
+def test_the_container_of_keys_makes_them(compose: dict[str, Any], tmp_path: Path) -> None:
+    (tmp_path / "authority").mkdir()
+    (tmp_path / "keys").mkdir()
+    (script,) = compose["services"]["keys"]["command"]
+    environment = {**os.environ, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
+    command = ["sh", "-ec", script.replace("$$", "$")]
+    for _ in range(2):  # the second start keeps what the first one made
+        subprocess.run(command, cwd=tmp_path, env=environment, check=True, capture_output=True, timeout=100)
+    assert {path.name for path in (tmp_path / "keys").iterdir()} == {*processes(compose), "desk"}
+    router = tmp_path / "keys" / "router"
+    assert {host.host for host in read_hosts(router)} == {*processes(compose), "desk"}
+    assert read_identity(tmp_path / "keys" / "finder").roles == ("finder",)
 
 
 def test_the_router_is_published_on_the_loopback_alone(compose: dict[str, Any]) -> None:
@@ -54,7 +94,7 @@ def test_the_router_is_published_on_the_loopback_alone(compose: dict[str, Any]) 
 
 
 def test_the_shared_memory_holds_many_clouds_and_is_one(compose: dict[str, Any]) -> None:
-    services = compose["services"]
+    services = processes(compose)
     assert int(services["router"]["shm_size"].removesuffix("mb")) >= 256
     assert services["router"]["ipc"] == "shareable"
     assert {services[name]["ipc"] for name in services if name != "router"} == {"service:router"}
