@@ -45,18 +45,22 @@ def init(
 
 @app.command()
 def add(
-    host: Host,
+    hosts: Annotated[list[str], typer.Argument(metavar="HOST...", help="Names of hosts in keys.")],
     role: Annotated[
         list[str] | None,
-        typer.Option("--role", help="What it runs: a service's name, client or operator; may be given again."),
+        typer.Option(
+            "--role",
+            help="What it runs: a service's name, client or operator; may be given again; its own name if left out.",
+        ),
     ] = None,
     folder: Folder = _FOLDER,
     cell: Cells = None,
     days: Days = 825,
 ) -> None:
-    """Make the keys of a host; a running router takes them at once."""
-    place = _authority(folder).add(host, role or [], days=days, cells=cell or [DEFAULT_NAMESPACE])
-    say(f"keys of {host} in {place}: copy that folder there, by a safe way, and set ZSIGHT_KEYS to it")
+    """Make the keys of hosts; a running router takes them at once."""
+    for host in hosts:
+        place = _authority(folder).add(host, role or [host], days=days, cells=cell or [DEFAULT_NAMESPACE])
+        say(f"keys of {host} in {place}: copy that folder there, by a safe way, and set ZSIGHT_KEYS to it")
 
 
 @app.command()
