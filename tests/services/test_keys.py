@@ -96,7 +96,7 @@ def test_every_host_has_a_folder_that_says_who_it_is(made: Authority) -> None:
     for secret in (made.folder / "ca.key", made.folder / "eye" / "key.pem"):
         assert stat.S_IMODE(secret.stat().st_mode) == 0o600
     assert (
-        29
+        28
         < (expiry(made.folder / "eye" / "certificate.pem") - expiry(made.folder / "old" / "certificate.pem")).days
         <= 30
     )

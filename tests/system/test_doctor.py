@@ -47,6 +47,10 @@ def test_a_cell_is_examined(tmp_path: Path) -> None:
         assert "which stands in world" in whole["camera kinect"]["found"]
         assert {name for name, check in whole.items() if check["status"] == "failed"} == set()
 
+        second = run("node", "list", "--namespace", "other", **environment)
+        assert second.code == 3
+        assert "a router answers, but cell other is empty" in second.err
+
     alone = run("doctor", **environment)
     assert alone.code == 1
     assert f"failed   endpoint {endpoint}: refused" in alone.out
