@@ -219,7 +219,7 @@ def _cell(beats: list[Health], network: Network) -> Finding:
 def _round_trip(bus: Bus, network: Network) -> Finding:
     """A question that goes through the router to another session, and its answer."""
     key = bus.cell.health(host_name(), f"doctor-{os.getpid()}")
-    times = []
+    times: list[float] = []
     with join(network) as other:
         other.serve(key, _answer)
         deadline = time.monotonic() + _PATIENCE
