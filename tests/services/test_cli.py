@@ -411,10 +411,12 @@ def test_find_answered(zsight: Zsight, served: Gated) -> None:
     assert (ended.code, ended.json["status"], ended.json["message"]) == (1, "cannot_tell", "done")
 
 
-def test_find_too_late(zsight: Zsight, served: Gated) -> None:
+def test_find_too_late_tells_what_is_known(zsight: Zsight, served: Gated) -> None:
     del served
     ended = zsight("find", "cube", "--timeout", "0.1", "--json")
-    assert (ended.code, ended.out) == (4, "")
+    assert ended.code == 4
+    assert (ended.json["deadline_passed"], ended.json["message"]) == (True, "deadline")
+    assert "deadline" in ended.err
 
 
 def test_find_cancelled_by_somebody_else(zsight: Zsight, served: Gated, join_cell: Any) -> None:
