@@ -46,15 +46,17 @@ def seen_of(drawn: RandomScene, noise: Noise) -> Scene:
 
 def descriptor(segment: Segment, seen: Scene) -> NDArray[np.float64]:
     """What a segment looks like, whichever way it is turned: sizes, heights, how level and how round it is (20,)."""
-    piece = next(p for p in clues_of(seen).segments if p.segment == segment.label)
-    centred = piece.points[:, :2] - piece.points[:, :2].mean(axis=0)
+    cells = seen.cells
+    mine = np.repeat(seen.owner, np.diff(cells.start)) == segment.label
+    points, normals = cells.points[mine], cells.normals[mine]
+    centred = points[:, :2] - points[:, :2].mean(axis=0)
     _, axes = np.linalg.eigh(centred.T @ centred)
     along = np.ptp(centred @ axes, axis=0)
-    z = piece.points[:, 2]
+    z = points[:, 2]
     radius = np.linalg.norm(centred, axis=1)
     shares = np.histogram(z / max(float(z.max()), 1e-3), 6, (0, 1))[0] / len(z)
     rounds = np.histogram(radius / max(float(radius.max()), 1e-3), 6, (0, 1))[0] / len(z)
-    up = np.histogram(piece.normals[:, 2], 5, (0, 1))[0] / len(z)
+    up = np.histogram(normals[:, 2], 5, (0, 1))[0] / len(z)
     return np.concatenate([[20 * along.max(), 20 * along.min(), 20 * z.max()], shares, rounds, up])
 
 

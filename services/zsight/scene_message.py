@@ -10,12 +10,12 @@ from zsight.convert import point, pose_of
 from zsight_protocol import scene as message
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
-    from zsight_core.clues import Clues
     from zsight_core.holes import Hole
+    from zsight_core.level_tops import LevelTop
     from zsight_core.scene import Scene, Segment
     from zsight_core.support import Support
     from zsight_protocol.message import Header
@@ -24,7 +24,6 @@ __all__ = ["image_of", "labels_of", "scene_of"]
 
 _RUN = np.dtype([("label", "<i2"), ("length", "<u2")])
 _MOST_CORNERS = 200
-_SMALLEST_LAYER = 20  # cells of a level piece that something may stand on
 
 
 def scene_of(scene: Scene, header: Header, types: Mapping[int, str], finder: str = "") -> message.Scene:
@@ -36,15 +35,15 @@ def scene_of(scene: Scene, header: Header, types: Mapping[int, str], finder: str
         types: what finds on this cloud have told so far: label of a segment to object type.
         finder: whose scene it is.
     """
-    from zsight_core.clues import clues_of
+    from zsight_core.level_tops import level_tops
 
-    clues = clues_of(scene)
+    tops = level_tops(scene)
     is_image = scene.view.pixel is None and max(scene.labels.shape) < 2**15
     return message.Scene(
         header=header,
         finder=finder,
         supports=tuple(_surface(support) for support in scene.supports),
-        segments=tuple(_segment(segment, clues, types) for segment in scene.segments),
+        segments=tuple(_segment(segment, tops, types) for segment in scene.segments),
         missing=tuple(_missing(hole) for hole in scene.holes),
         labels=image_of(scene.labels) if is_image else None,
         timings_ms=scene.timings_ms,
@@ -87,7 +86,7 @@ def _surface(support: Support) -> message.SupportSurface:
     )
 
 
-def _segment(segment: Segment, clues: Clues, types: Mapping[int, str]) -> message.SceneSegment:
+def _segment(segment: Segment, tops: Sequence[LevelTop], types: Mapping[int, str]) -> message.SceneSegment:
     length, width, height = (max(float(edge), 0.0) for edge in segment.size)
     return message.SceneSegment(
         label=segment.label,
@@ -98,23 +97,19 @@ def _segment(segment: Segment, clues: Clues, types: Mapping[int, str]) -> messag
         size=(length, width, height),
         low=float(segment.low),
         high=float(segment.high),
-        layers=_layers(segment, clues),
+        layers=_layers(segment, tops),
         type=types.get(segment.label, ""),
     )
 
 
-def _layers(segment: Segment, clues: Clues) -> tuple[message.HeightLayer, ...]:
+def _layers(segment: Segment, tops: Sequence[LevelTop]) -> tuple[message.HeightLayer, ...]:
     """Level tops of a segment, the lowest first."""
     from zsight_core.support import outline_of
 
-    tops = [
-        piece
-        for piece in clues.pieces
-        if piece.segment == segment.label and piece.is_level and len(piece.points) >= _SMALLEST_LAYER
-    ]
     return tuple(
-        message.HeightLayer(height=piece.height, outline=_corners(outline_of(piece.points[:, :2])))
-        for piece in sorted(tops, key=lambda piece: piece.height)
+        message.HeightLayer(height=top.height, outline=_corners(outline_of(top.xy)))
+        for top in tops
+        if top.segment == segment.label
     )
 
 
