@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from zsight_core.plane import Plane
     from zsight_core.points import Points
-    from zsight_core.words import Layout
+    from zsight_core.words import Layout, Words
 
 __all__ = ["clusters_above", "euclidean_clusters", "image_clusters", "warm_up"]
 
@@ -55,9 +55,8 @@ def euclidean_clusters(
     if mask is not None and (mask.shape != words.shape or mask.dtype != np.bool_):
         raise PointsError(f"mask has shape {mask.shape} and type {mask.dtype}; expected {words.shape} and bool")
     _require_step(tolerance)
-    chosen = np.ones(words.count, np.bool_) if mask is None else np.ascontiguousarray(mask).reshape(-1)
-    xyz, index = _chosen(words.words, words.layout, chosen)
-    return _labelled(xyz, index, tolerance, least, most, words.count).reshape(words.shape)
+    chosen = None if mask is None else np.ascontiguousarray(mask).reshape(-1)
+    return _labelled(words, chosen, tolerance, least, most)
 
 
 def clusters_above(
@@ -78,8 +77,9 @@ def clusters_above(
         raise GeometryError(f"heights are {low} to {high} m; expected the lower one first")
     _require_step(tolerance)
     words = words_of(points)
-    xyz, index = _between(words.words, words.layout, plane.coefficients(), np.float32(low), np.float32(high))
-    return _labelled(xyz, index, tolerance, least, most, words.count).reshape(words.shape)
+    chosen = np.empty(words.count, np.bool_)
+    _mark_between(words.words, words.layout, plane.coefficients(), np.float32(low), np.float32(high), chosen)
+    return _labelled(words, chosen, tolerance, least, most)
 
 
 def image_clusters(
@@ -117,15 +117,14 @@ def _require_step(length: float) -> None:
 
 
 def _labelled(
-    xyz: NDArray[np.float32], index: NDArray[np.int64], tolerance: float, least: int, most: int | None, count: int
+    cloud: Words, chosen: NDArray[np.bool_] | None, tolerance: float, least: int, most: int | None
 ) -> NDArray[np.int32]:
-    """Cluster the points (N, 3), which are the ones numbered `index` of `count`."""
-    if len(xyz) == 0:
-        return np.full(count, -1, np.int32)
-    grid = grid_of(xyz, tolerance / math.sqrt(3.0))
+    """Cluster the chosen points (N,)."""
+    grid = grid_of(cloud, tolerance / math.sqrt(3.0), chosen)
     root_of_cell = _joined(grid.xyz, grid.starts, grid.keys, grid.table, tolerance)
-    root = _roots_of_points(root_of_cell, grid.starts, grid.order, index, count)
-    return _numbered(root, least, count if most is None else most)
+    root = _roots_of_points(root_of_cell, grid.starts, grid.order, cloud.count)
+    del grid
+    return _numbered(root, least, cloud.count if most is None else most).reshape(cloud.shape)
 
 
 def _steps() -> NDArray[np.int64]:
@@ -141,43 +140,24 @@ _STEPS = _steps()
 
 
 @njit(cache=True, nogil=True)
-def _chosen(
-    words: NDArray[np.float32], layout: Layout, mask: NDArray[np.bool_]
-) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
-    """The finite points of the mask (N, 3), and their numbers (N,)."""
-    step, at_x, at_y, at_z = layout
-    xyz, index = np.empty((len(mask), 3), np.float32), np.empty(len(mask), np.int64)
-    used = 0
-    for i in range(len(mask)):
-        if mask[i]:
-            x, y, z = words[step * i + at_x], words[step * i + at_y], words[step * i + at_z]
-            xyz[used, 0], xyz[used, 1], xyz[used, 2] = x, y, z
-            index[used] = i
-            used += math.isfinite(x) and math.isfinite(y) and math.isfinite(z)
-    return xyz[:used], index[:used]
-
-
-@njit(cache=True, nogil=True)
-def _between(
-    words: NDArray[np.float32], layout: Layout, plane: NDArray[np.float64], low: Any, high: Any
-) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
-    """The points low..high above the plane (N, 3), and their numbers (N,)."""
+def _mark_between(
+    words: NDArray[np.float32],
+    layout: Layout,
+    plane: NDArray[np.float64],
+    low: Any,
+    high: Any,
+    chosen: NDArray[np.bool_],
+) -> None:
+    """Mark the points low..high above the plane."""
     nx, ny, nz, d = np.float32(plane[0]), np.float32(plane[1]), np.float32(plane[2]), np.float32(plane[3])
-    count = len(words) // layout[0]
-    xyz, index = np.empty((count + 1, 3), np.float32), np.empty(count + 1, np.int64)
-    tile, inside = new_tile(), np.empty(TILE, np.uint8)
-    used = 0
-    for start in range(0, count, TILE):
+    tile, inside = new_tile(), np.empty(TILE, np.bool_)
+    for start in range(0, len(chosen), TILE):
         load_tile(words, layout, -1, start, tile)
         for i in range(TILE):
             height = nx * tile[0, i] + ny * tile[1, i] + nz * tile[2, i] - d
             inside[i] = (height >= low) & (height <= high)
-        for i in range(TILE):
-            if inside[i]:
-                xyz[used, 0], xyz[used, 1], xyz[used, 2] = tile[0, i], tile[1, i], tile[2, i]
-                index[used] = start + i
-                used += 1
-    return xyz[:used], index[:used]
+        rest = chosen[start : start + TILE]
+        rest[:] = inside[: len(rest)]
 
 
 @njit(cache=True, nogil=True)
@@ -256,15 +236,14 @@ def _touch(
 def _roots_of_points(
     root_of_cell: NDArray[np.int64],
     starts: NDArray[np.int64],
-    order: NDArray[np.int64],
-    index: NDArray[np.int64],
+    order: NDArray[np.int32],
     count: int,
 ) -> NDArray[np.int32]:
     """For each of `count` points the root of its cluster, any number below `count`, -1 without."""
     root = np.full(count, -1, np.int32)
     for cell in range(len(root_of_cell)):
         for place in range(starts[cell], starts[cell + 1]):
-            root[index[order[place]]] = root_of_cell[cell]
+            root[order[place]] = root_of_cell[cell]
     return root
 
 
@@ -274,7 +253,7 @@ def _image_roots(
 ) -> NDArray[np.int32]:
     """Root pixel of each pixel's component, -1 outside the mask and at holes."""
     step, at_x, at_y, at_z = layout
-    parent = np.empty(len(mask), np.int64)
+    parent = np.empty(len(mask), np.int32)
     limit = np.float32(gap) * np.float32(gap)
     for i in range(len(mask)):
         x, y, z = words[step * i + at_x], words[step * i + at_y], words[step * i + at_z]
@@ -299,10 +278,11 @@ def _image_roots(
 @njit(cache=True, nogil=True)
 def _numbered(root: NDArray[np.int32], least: int, most: int) -> NDArray[np.int32]:
     """Roots to cluster numbers, the largest first; too small and too large ones to -1."""
-    sizes = np.zeros(len(root), np.int64)
-    first = np.full(len(root), -1, np.int64)
+    bound = root.max() + 1 if len(root) else 0
+    sizes = np.zeros(bound, np.int32)
+    first = np.full(bound, -1, np.int32)
     used = 0
-    found = np.empty(len(root), np.int64)
+    found = np.empty(bound, np.int32)
     for i in range(len(root)):
         if root[i] >= 0:
             if first[root[i]] < 0:
@@ -311,7 +291,7 @@ def _numbered(root: NDArray[np.int32], least: int, most: int) -> NDArray[np.int3
                 used += 1
             sizes[root[i]] += 1
     order = np.argsort(-sizes[found[:used]], kind="mergesort")
-    number = np.full(len(root), -1, np.int32)
+    number = np.full(bound, -1, np.int32)
     clusters = 0
     for k in order:
         if least <= sizes[found[k]] <= most:

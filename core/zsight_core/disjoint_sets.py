@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numba import njit
@@ -14,7 +14,7 @@ __all__ = ["root_of", "unite", "warm_up"]
 
 
 @njit(cache=True, nogil=True)
-def root_of(parent: NDArray[np.int64], i: int) -> int:
+def root_of(parent: NDArray[np.signedinteger[Any]], i: int) -> int:
     """Representative of the set that holds `i`, halving the path on the way (Tarjan and van Leeuwen 1984)."""
     while parent[i] != i:
         parent[i] = parent[parent[i]]
@@ -23,7 +23,7 @@ def root_of(parent: NDArray[np.int64], i: int) -> int:
 
 
 @njit(cache=True, nogil=True)
-def unite(parent: NDArray[np.int64], i: int, j: int) -> None:
+def unite(parent: NDArray[np.signedinteger[Any]], i: int, j: int) -> None:
     """Join the sets of `i` and `j`; the lower of their representatives stands for both."""
     one, other = root_of(parent, i), root_of(parent, j)
     parent[max(one, other)] = min(one, other)

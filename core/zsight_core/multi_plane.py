@@ -66,7 +66,7 @@ def planes_of_image(
     components (2013), as PCL has it: neighbours are linked where their normals and plane distances agree; a plane is
     fitted to each region of linked ones; regions grow over pixels within `distance` of their plane. Two things differ.
     Normals are taken, and linked, for squares of 2 x 2 pixels. And adjoining regions whose planes agree become one: a
-    carpet is one plane, where the noise of normals breaks it into several for PCL (docs/decisions/0013).
+    carpet is one plane, where the noise of normals breaks it into several for PCL (docs/decisions/0030).
 
     Args:
         points: (H, W), organised, metres; z is the depth, of either sign.

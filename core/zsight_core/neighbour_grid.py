@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -9,13 +10,14 @@ import numpy as np
 from numba import njit
 
 from zsight_core.errors import GeometryError
+from zsight_core.words import words_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from zsight_core.words import Words
+    from zsight_core.words import Layout, Words
 
-__all__ = ["NeighbourGrid", "block_around", "cell_at", "cell_key", "cell_of", "finite_points", "grid_of", "warm_up"]
+__all__ = ["NeighbourGrid", "block_around", "cell_at", "cell_key", "cell_of", "grid_of", "warm_up"]
 
 _REACH = 2**20
 """Cell numbers along an axis lie in -REACH .. REACH-1, so that three of them fit one 64-bit key."""
@@ -23,15 +25,15 @@ _REACH = 2**20
 
 @dataclass(frozen=True)
 class NeighbourGrid:
-    """Cells in the order of their first point.
+    """Cells in the order of their first point; 16 bytes a point are held.
 
-    ``xyz`` float32 (N, 3), cell after cell; ``order`` int64 (N,) which of the points given each of them is; ``starts``
+    ``xyz`` float32 (N, 3), cell after cell; ``order`` int32 (N,) which of the points given each of them is; ``starts``
     int64 (C + 1,) where each cell begins; ``keys`` int64 (C,) `cell_key` of each; ``table`` int32, an open hash table
     of cell numbers, -1 where free, its length a power of two; ``edge`` metres.
     """
 
     xyz: NDArray[np.float32]
-    order: NDArray[np.int64]
+    order: NDArray[np.int32]
     starts: NDArray[np.int64]
     keys: NDArray[np.int64]
     table: NDArray[np.int32]
@@ -43,28 +45,23 @@ class NeighbourGrid:
         return len(self.keys)
 
 
-def grid_of(xyz: NDArray[np.float32], edge: float) -> NeighbourGrid:
-    """Sort points into cells.
+def grid_of(cloud: Words, edge: float, mask: NDArray[np.bool_] | None = None) -> NeighbourGrid:
+    """Sort the finite points of a cloud into cells.
 
     Args:
-        xyz: (N, 3), finite, metres.
+        cloud: points.
         edge: of a cell, metres.
+        mask: (N,) the points that take part; None: all.
 
     Raises:
         GeometryError: a point lies 2^20 cells or more from the origin.
     """
-    keys, cell, table = _cells_of(xyz, 1.0 / edge)
+    chosen = np.ones(1, np.bool_) if mask is None else mask
+    keys, cell, table = _cells_of(cloud.words, cloud.layout, 1.0 / edge, chosen)
     if len(keys) == 1 and keys[0] < 0:
-        raise GeometryError(f"cells of {edge} m are too small for coordinates up to {np.abs(xyz).max():g} m")
-    starts, order, ordered = _sorted_into(xyz, cell, len(keys))
+        raise GeometryError(f"cells of {edge} m are too small for coordinates so far from the origin; use larger ones")
+    starts, order, ordered = _sorted_into(cloud.words, cloud.layout, cell, len(keys))
     return NeighbourGrid(ordered, order, starts, keys, table, edge)
-
-
-def finite_points(cloud: Words) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
-    """Finite points (N, 3) of a cloud and their numbers (N,) in it."""
-    rows = cloud.words.reshape(-1, cloud.layout[0])[:, list(cloud.layout[1:])]
-    index = np.flatnonzero(np.isfinite(rows).all(axis=1))
-    return np.ascontiguousarray(rows[index]), index
 
 
 @njit(cache=True, nogil=True)
@@ -134,16 +131,24 @@ def _place(keys: NDArray[np.int64], table: NDArray[np.int32], key: int) -> int:
 
 @njit(cache=True, nogil=True)
 def _cells_of(
-    xyz: NDArray[np.float32], inverse: float
+    words: NDArray[np.float32], layout: Layout, inverse: float, mask: NDArray[np.bool_]
 ) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.int32]]:
-    """Keys of the cells, the cell of each point, and the table; a single key of -1 where a point is out of reach."""
-    cell = np.empty(len(xyz), np.int32)
+    """Keys of the cells, the cell of each point, and the table; a single key of -1 where a point is out of reach.
+
+    The cell is -1 for a point that takes no part. A mask of one element goes for all points.
+    """
+    step, at_x, at_y, at_z = layout
+    cell = np.empty(len(words) // step, np.int32)
     capacity = 1024
     keys, table = np.empty(capacity, np.int64), np.full(2 * capacity, -1, np.int32)
     used = 0
     before, at = -1, np.int32(-1)
-    for i in range(len(xyz)):
-        x, y, z = np.floor(xyz[i, 0] * inverse), np.floor(xyz[i, 1] * inverse), np.floor(xyz[i, 2] * inverse)
+    for i in range(len(cell)):
+        cell[i] = -1
+        px, py, pz = words[step * i + at_x], words[step * i + at_y], words[step * i + at_z]
+        if not (mask[i if len(mask) > 1 else 0] and math.isfinite(px) and math.isfinite(py) and math.isfinite(pz)):
+            continue
+        x, y, z = np.floor(px * inverse), np.floor(py * inverse), np.floor(pz * inverse)
         if not abs(x) + abs(y) + abs(z) < _REACH:
             return np.full(1, -1, np.int64), cell, table
         key = cell_key(int(x), int(y), int(z))
@@ -167,27 +172,32 @@ def _cells_of(
 
 @njit(cache=True, nogil=True)
 def _sorted_into(
-    xyz: NDArray[np.float32], cell: NDArray[np.int32], cells: int
-) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float32]]:
+    words: NDArray[np.float32], layout: Layout, cell: NDArray[np.int32], cells: int
+) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.float32]]:
     """Where each cell begins; which point stands where; the points in that order."""
+    step, at_x, at_y, at_z = layout
     starts = np.zeros(cells + 1, np.int64)
     for i in range(len(cell)):
-        starts[cell[i] + 1] += 1
+        if cell[i] >= 0:
+            starts[cell[i] + 1] += 1
     for c in range(cells):
         starts[c + 1] += starts[c]
     free = starts[:-1].copy()
-    order, ordered = np.empty(len(cell), np.int64), np.empty((len(cell), 3), np.float32)
+    order, ordered = np.empty(starts[-1], np.int32), np.empty((starts[-1], 3), np.float32)
     for i in range(len(cell)):
-        place = free[cell[i]]
-        free[cell[i]] += 1
-        order[place] = i
-        ordered[place, 0], ordered[place, 1], ordered[place, 2] = xyz[i, 0], xyz[i, 1], xyz[i, 2]
+        if cell[i] >= 0:
+            place = free[cell[i]]
+            free[cell[i]] += 1
+            order[place] = i
+            ordered[place, 0] = words[step * i + at_x]
+            ordered[place, 1] = words[step * i + at_y]
+            ordered[place, 2] = words[step * i + at_z]
     return starts, order, ordered
 
 
 def warm_up() -> None:
     """Compile the kernels of this file."""
-    grid = grid_of(np.zeros((2, 3), np.float32), 1.0)
+    grid = grid_of(words_of(np.zeros((2, 3), np.float32)), 1.0)
     cell_at(grid.keys, grid.table, cell_key(0, 0, 0))
     cell_of(0.5, 1.0)
     block_around(grid.xyz, grid.starts, grid.keys, grid.table, 0, np.empty((3, 0), np.float32))

@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 
 from zsight_core.errors import GeometryError, PointsError
-from zsight_core.neighbour_grid import block_around, finite_points, grid_of
+from zsight_core.neighbour_grid import block_around, grid_of
 from zsight_core.words import words_of
 
 if TYPE_CHECKING:
@@ -50,10 +50,8 @@ def normals(
     if found.shape != shape or found.dtype != np.float32 or not found.flags.c_contiguous:
         raise PointsError(f"output has shape {found.shape} and type {found.dtype}; expected {shape} and float32")
     found[:] = np.nan
-    xyz, index = finite_points(words)
-    if len(xyz):
-        grid = grid_of(xyz, radius)
-        _normals(grid.xyz, grid.starts, grid.keys, grid.table, index[grid.order], radius, found.reshape(-1, 3))
+    grid = grid_of(words, radius)
+    _normals(grid.xyz, grid.starts, grid.keys, grid.table, grid.order, radius, found.reshape(-1, 3))
     return found
 
 
@@ -63,7 +61,7 @@ def _normals(
     starts: NDArray[np.int64],
     keys: NDArray[np.int64],
     table: NDArray[np.int32],
-    index: NDArray[np.int64],
+    index: NDArray[np.int32],
     radius: float,
     out: NDArray[np.float32],
 ) -> None:

@@ -9,7 +9,8 @@ import numpy as np
 from numba import njit
 
 from zsight_core.errors import GeometryError
-from zsight_core.neighbour_grid import block_around, finite_points, grid_of
+from zsight_core.neighbour_grid import block_around, grid_of
+from zsight_core.statistics import count_finite
 from zsight_core.take import take
 from zsight_core.words import words_of
 
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from zsight_core.points import Points
+    from zsight_core.words import Layout, Words
 
 __all__ = ["remove_radius_outliers", "remove_statistical_outliers", "warm_up"]
 
@@ -38,11 +40,10 @@ def remove_radius_outliers(points: Points, radius: float, least: int, out: Point
     """
     if not (math.isfinite(radius) and radius > 0 and least > 0):
         raise GeometryError(f"{least} points within {radius} m; expected numbers above zero")
-    xyz, index = finite_points(words_of(points))
     keep = np.zeros(points.size, np.bool_)
-    if len(xyz):
-        grid = grid_of(xyz, radius)
-        _crowded(grid.xyz, grid.starts, grid.keys, grid.table, index[grid.order], radius, least + 1, keep)
+    grid = grid_of(words_of(points), radius)
+    _crowded(grid.xyz, grid.starts, grid.keys, grid.table, grid.order, radius, least + 1, keep)
+    del grid
     return take(points, keep.reshape(points.shape), out)
 
 
@@ -64,38 +65,54 @@ def remove_statistical_outliers(
     Raises:
         GeometryError: `neighbours` not above zero; fewer points than that; `deviations` is NaN.
     """
-    xyz, index = finite_points(words_of(points))
-    if not (0 < neighbours < max(len(xyz), 1)) or math.isnan(deviations):
+    cloud, count = words_of(points), count_finite(points)
+    if not 0 < neighbours < max(count, 1) or math.isnan(deviations):
         raise GeometryError(
-            f"{neighbours} neighbours in {len(xyz)} points, {deviations} deviations; expected fewer than points"
+            f"{neighbours} neighbours in {count} points, {deviations} deviations; expected fewer neighbours than points"
         )
-    far = _mean_distances(xyz, neighbours)
-    keep = np.zeros(points.size, np.bool_)
-    keep[index] = far <= far.mean() + deviations * far.std(ddof=1)
+    far = _mean_distances(cloud, neighbours)
+    known = ~np.isnan(far)
+    usual = far[known]
+    most = usual.mean(dtype=np.float64) + deviations * usual.std(ddof=1, dtype=np.float64)
+    del usual
+    keep = known & (far <= most)
     return take(points, keep.reshape(points.shape), out)
 
 
-def _mean_distances(xyz: NDArray[np.float32], neighbours: int) -> NDArray[np.float64]:
-    """Mean distance (N,) of each point's nearest neighbours."""
-    far = np.full(len(xyz), np.nan)
-    sample = xyz[np.linspace(0, len(xyz) - 1, _SAMPLE).astype(np.int64)]
-    reach = _reaches(xyz, sample, neighbours + 1)
-    edge = max(float(np.quantile(reach, 0.9)), float(np.abs(xyz).max()) * 1e-5, 1e-6)
-    while np.isnan(far).any():
-        grid = grid_of(xyz, edge)
-        _add_distances(grid.xyz, grid.starts, grid.keys, grid.table, grid.order, edge, neighbours + 1, far)
+def _mean_distances(cloud: Words, neighbours: int) -> NDArray[np.float32]:
+    """Mean distance (N,) of each point's nearest neighbours, NaN at holes."""
+    far = np.full(cloud.count, np.nan, np.float32)
+    edge = _first_edge(cloud, neighbours + 1)
+    missing = 1
+    while missing:
+        grid = grid_of(cloud, edge)
+        missing = _add_distances(grid.xyz, grid.starts, grid.keys, grid.table, grid.order, edge, neighbours + 1, far)
         edge *= 2
     return far
 
 
+def _first_edge(cloud: Words, count: int) -> float:
+    """A cell's edge that reaches the `count`-th nearest of most points, as a sample of them tells."""
+    rows = cloud.words.reshape(-1, cloud.layout[0])
+    x, y, z = (rows[:, axis] for axis in cloud.layout[1:])
+    finite = np.flatnonzero(np.isfinite(x + y + z))
+    sample = finite[np.linspace(0, len(finite) - 1, _SAMPLE).astype(np.int64)]
+    reach = _reaches(cloud.words, cloud.layout, sample, count)
+    farthest = max(float(np.abs(axis[finite[:: max(1, len(finite) // 1000)]]).max()) for axis in (x, y, z))
+    return max(float(np.quantile(reach, 0.9)), farthest * 1e-5, 1e-6)
+
+
 @njit(cache=True, nogil=True)
-def _reaches(xyz: NDArray[np.float32], sample: NDArray[np.float32], count: int) -> NDArray[np.float64]:
+def _reaches(words: NDArray[np.float32], layout: Layout, sample: NDArray[np.int64], count: int) -> NDArray[np.float64]:
     """How far the `count`-th nearest point is from each of the sample."""
-    columns, squares = np.ascontiguousarray(xyz.T), np.empty(len(xyz), np.float32)
+    step, at_x, at_y, at_z = layout
+    squares, point = np.empty(len(words) // step, np.float32), np.empty(3, np.float32)
+    x, y, z = words[at_x::step], words[at_y::step], words[at_z::step]
     reach = np.empty(len(sample))
-    for i in range(len(sample)):
-        _squares(columns[0], columns[1], columns[2], sample[i], squares)
-        reach[i] = math.sqrt(_limit_of_least(squares, count, squares.max()))
+    for k in range(len(sample)):
+        point[0], point[1], point[2] = x[sample[k]], y[sample[k]], z[sample[k]]
+        _squares(x, y, z, point, squares)
+        reach[k] = math.sqrt(_limit_of_least(squares, count, np.nanmax(squares)))
     return reach
 
 
@@ -105,20 +122,23 @@ def _add_distances(
     starts: NDArray[np.int64],
     keys: NDArray[np.int64],
     table: NDArray[np.int32],
-    order: NDArray[np.int64],
+    order: NDArray[np.int32],
     edge: float,
     count: int,
-    far: NDArray[np.float64],
-) -> None:
-    """Mean distance of the `count` nearest points, itself (0 m) not counted, where all are sure to lie in the block."""
+    far: NDArray[np.float32],
+) -> int:
+    """Mean distance of the `count` nearest points, itself (0 m) not counted, where all are sure to lie in the block.
+
+    Returns:
+        For how many points they are not.
+    """
+    missing = 0
     room, squares = np.empty((3, 1024), np.float32), np.empty(1024, np.float32)
     inverse = 1.0 / edge
     for cell in range(len(keys)):
         if not np.isnan(far[order[starts[cell] : starts[cell + 1]]]).any():
             continue
         room, found = block_around(xyz, starts, keys, table, cell, room)
-        if found < count:
-            continue
         squares = np.empty(room.shape[1], np.float32) if room.shape[1] > len(squares) else squares
         for i in range(starts[cell], starts[cell + 1]):
             if math.isnan(far[order[i]]):
@@ -128,6 +148,9 @@ def _add_distances(
                 last = _limit_of_least(near, count, sure * sure)
                 if last < np.inf:
                     far[order[i]] = _sum_of_least(near, last, count) / (count - 1)
+                else:
+                    missing += 1
+    return missing
 
 
 @njit(cache=True, nogil=True)
@@ -209,7 +232,7 @@ def _crowded(
     starts: NDArray[np.int64],
     keys: NDArray[np.int64],
     table: NDArray[np.int32],
-    index: NDArray[np.int64],
+    index: NDArray[np.int32],
     radius: float,
     least: int,
     keep: NDArray[np.bool_],
