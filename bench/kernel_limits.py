@@ -53,6 +53,7 @@ def surface(count: int) -> Points:
 
 def kernels(points: Points, room: Points) -> dict[str, Callable[[], object]]:
     """What is measured; those that stream over the cloud first."""
+    directions = np.zeros((*points.shape, 3), np.float32)
     width = float(np.nanmax(points["x"]))
     return {
         "voxel grid 0.02": lambda: voxel_grid(points, 0.02, room),
@@ -66,10 +67,10 @@ def kernels(points: Points, room: Points) -> dict[str, Callable[[], object]]:
         "RANSAC plane": lambda: ransac_plane(points, 0.01),
         "clusters above the plane": lambda: clusters_above(points, PLANE, 0.02, 0.4, 0.02, 100),
         "planes of an image": lambda: planes_of_image(points),
-        "normals of an image": lambda: image_normals(points),
-        "normals by radius": lambda: normals(points, 0.01),
-        "radius outliers": lambda: remove_radius_outliers(points, 0.01, 10),
-        "statistical outliers": lambda: remove_statistical_outliers(points, 20, 1.0),
+        "normals of an image": lambda: image_normals(points, out=directions),
+        "normals by radius": lambda: normals(points, 0.01, directions),
+        "radius outliers": lambda: remove_radius_outliers(points, 0.01, 10, room),
+        "statistical outliers": lambda: remove_statistical_outliers(points, 20, 1.0, room),
     }
 
 

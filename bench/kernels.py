@@ -8,6 +8,7 @@ they do the same, whether results equal PCL's, how cost grows with size, and mem
 from __future__ import annotations
 
 import os
+import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -35,7 +36,7 @@ from zsight_core.table_height import fit_slab, table_height
 from zsight_core.voxel_grid import voxel_grid
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
     from zsight_core.points import Points
 
@@ -82,15 +83,23 @@ def run(budget: float = 1.0, only: str = "") -> list[dict[str, Any]]:
         copies of the cloud.
     """
     rows = []
+    for row in measurements(budget, only):
+        print(f"{row['name']}: {row['value']} {row['unit']}", file=sys.stderr)
+        rows.append(row)
+    return rows
+
+
+def measurements(budget: float, only: str) -> Iterator[dict[str, Any]]:
+    """The rows of `run`, as they are measured."""
     with TemporaryDirectory() as folder, PclProcess(Path(folder)) as pcl:
         for cloud in clouds(Path(folder)):
             pcl.load(cloud.file, cloud.T_world_camera)
             copy = copy_time(cloud.points)
             chosen = [task for task in tasks(cloud, Path(folder)) if only in f"{task.name}, {cloud.name}"]
-            rows += [measured(task, cloud, copy, pcl, budget) for task in chosen]
-            rows += peer_rows(chosen, cloud, budget)
-            rows += [] if only else equality_rows(cloud, pcl, patch_of(cloud.points, cloud.plane))
-    return rows if only else rows + limit_rows()
+            yield from (measured(task, cloud, copy, pcl, budget) for task in chosen)
+            yield from peer_rows(chosen, cloud, budget)
+            yield from [] if only else equality_rows(cloud, pcl, patch_of(cloud.points, cloud.plane))
+    yield from [] if only else limit_rows()
 
 
 def peer_rows(chosen: list[Task], cloud: BenchCloud, budget: float) -> list[dict[str, Any]]:
@@ -252,7 +261,5 @@ def copy_time(points: Points) -> float:
 
 
 if __name__ == "__main__":
-    import sys
-
-    for found in run(only=" ".join(sys.argv[1:])):
-        print(found)
+    for found in measurements(1.0, " ".join(sys.argv[1:])):
+        print(found, flush=True)

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from zsight_core.points import Points
-    from zsight_core.words import Layout, Words
+    from zsight_core.words import Layout
 
 __all__ = ["PlanesOfImage", "planes_of_image", "warm_up"]
 
@@ -66,7 +66,7 @@ def planes_of_image(
     components (2013), as PCL has it: neighbours are linked where their normals and plane distances agree; a plane is
     fitted to each region of linked ones; regions grow over pixels within `distance` of their plane. Two things differ.
     Normals are taken, and linked, for squares of 2 x 2 pixels. And adjoining regions whose planes agree become one: a
-    carpet is one plane, where the noise of normals breaks it into several for PCL (docs/decisions/0030).
+    carpet is one plane, where the noise of normals breaks it into several for PCL (docs/decisions/0050).
 
     Args:
         points: (H, W), organised, metres; z is the depth, of either sign.
@@ -88,25 +88,82 @@ def planes_of_image(
     cloud = words_of(points)
     if min(cloud.shape) < 2 * _WINDOW:
         return PlanesOfImage(np.full(cloud.shape, -1, np.int32), ())
-    cells, edges = _cells(cloud, depth_change)
-    runs = _linked_runs(cells, edges, math.cos(min(_TURN * angle, math.pi)), _STEP * distance)
-    planes, sums, number = _region_planes(cells, edges.shape[1], runs, max(4, least // 8))
+    shape = (cloud.shape[0] // 2, cloud.shape[1] // 2)
     labels = scratch("planes labels", cloud.shape, np.uint8)
-    _paint(runs, number, labels)
-    _grow(cloud.words, cloud.layout, planes.astype(np.float32), np.float32(distance), labels)
-    root = _joined(_borders(labels), sums, planes, math.cos(min(_ONE_SURFACE * angle, math.pi)), distance / 2)
+    root, sums = _segment(
+        cloud.words,
+        cloud.layout,
+        scratch("planes cells", (math.prod(shape) * _CELL[0],), np.float32),
+        scratch("planes edges", (2, *shape), np.uint8),
+        scratch("planes runs", (math.prod(shape), 4), np.int32),
+        labels,
+        least,
+        angle,
+        distance,
+        depth_change,
+    )
     return _result(labels, root, sums, least)
 
 
-def _cells(cloud: Words, depth_change: float) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
-    """Means of 2 x 2 pixels, 16 bytes each, as flat words; and (H / 2, W / 2) marks where no window may be."""
-    shape = (cloud.shape[0] // 2, cloud.shape[1] // 2)
-    cells = scratch("planes cells", (math.prod(shape) * _CELL[0],), np.float32)
-    edges, near = (scratch(f"planes {name}", shape, np.uint8) for name in ("edges", "near"))
-    _shrink(cloud.words, cloud.layout, cloud.shape[1], cells, shape[1])
-    mark_edges(cells, _CELL, shape[1], np.float32(depth_change), edges)
-    mark_near(edges, _WINDOW, near)
-    return cells, near
+def _result(labels: NDArray[np.uint8], root: NDArray[np.int64], sums: NDArray[np.float64], least: int) -> PlanesOfImage:
+    """Number the joined regions by size and fit each once more to the sums of its parts."""
+    number = np.full(_MOST + 1, -1, np.int32)
+    out = np.empty(labels.shape, np.int32)
+    sizes = np.bincount(root, weights=_histogram(labels.reshape(-1))[: len(root)], minlength=len(root))
+    fits: list[PlaneFit] = []
+    for region in np.argsort(-sizes, kind="stable"):
+        if sizes[region] < least or region == 0:
+            continue
+        plane, variances = plane_of_sums(sums[root == region].sum(axis=0))
+        number[: len(root)][root == region] = len(fits)
+        fits.append(PlaneFit(Plane(plane[:3], float(plane[3])), int(sizes[region]), math.sqrt(max(variances[0], 0.0))))
+    _look_up(labels.reshape(-1), number, out.reshape(-1))
+    return PlanesOfImage(out, tuple(fits))
+
+
+@njit(cache=True, nogil=True)
+def _segment(
+    words: NDArray[np.float32],
+    layout: Layout,
+    cells: NDArray[np.float32],
+    edges: NDArray[np.uint8],
+    runs: NDArray[np.int32],
+    labels: NDArray[np.uint8],
+    least: int,
+    angle: float,
+    distance: float,
+    depth_change: float,
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Label the pixels; one kernel, since each one that is loaded from the cache costs some milliseconds.
+
+    Args:
+        words: the cloud.
+        layout: of the words.
+        cells: room for means of 2 x 2 pixels, 16 bytes each.
+        edges: (2, H / 2, W / 2) room for marks.
+        runs: room for stretches of linked cells, a row for each cell.
+        labels: (H, W) gets the number of each pixel's region, 0 for none.
+        least: as of `planes_of_image`, and so are the following.
+        angle: radians.
+        distance: metres.
+        depth_change: factor.
+
+    Returns:
+        For each region the one that it is part of (R,), and sums over the cells of each (R, 10).
+    """
+    columns = edges.shape[2]
+    _shrink(words, layout, labels.shape[1], cells, columns)
+    mark_edges(cells, _CELL, columns, np.float32(depth_change), edges[0])
+    mark_near(edges[0], _WINDOW, edges[1])
+    cosine = np.float32(math.cos(min(_TURN * angle, math.pi)))
+    linked = runs[: _link(cells, edges[1], cosine, np.float32(_STEP * distance), runs)]
+    number = _large_regions(linked, max(4, least // 8))
+    sums = _region_sums(cells, columns, linked, number)
+    planes, flat = _planes_of_sums(sums)
+    _paint(linked, number, flat, labels)
+    _grow(words, layout, planes.astype(np.float32), np.float32(distance), labels)
+    cosine_of_one = math.cos(min(_ONE_SURFACE * angle, math.pi))
+    return _joined(_borders(labels), sums, planes, cosine_of_one, distance / 2), sums
 
 
 @njit(cache=True, nogil=True)
@@ -125,13 +182,6 @@ def _halve(above: NDArray[np.float32], below: NDArray[np.float32], axis: int, ce
     quarter = np.float32(0.25)
     for c in range(len(cells) // 4):
         cells[4 * c + axis] = (above[2 * c] + above[2 * c + 1] + below[2 * c] + below[2 * c + 1]) * quarter
-
-
-def _linked_runs(
-    cells: NDArray[np.float32], near: NDArray[np.uint8], cosine: float, distance: float
-) -> NDArray[np.int32]:
-    room = scratch("planes runs", (near.size, 4), np.int32)
-    return room[: _link(cells, near, np.float32(cosine), np.float32(distance), room)]
 
 
 @njit(cache=True, nogil=True)
@@ -236,39 +286,6 @@ def _join(
             unite(parent, mine, other)
 
 
-def _region_planes(
-    cells: NDArray[np.float32], width: int, runs: NDArray[np.int32], least: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int32]]:
-    """Planes (R, 4) nx ny nz d and sums (R, 10) of the regions that are large and flat; 0 stands for none.
-
-    Flat is what passes PCL's bound on the curvature, 0.001. Also the new number of each region, int32.
-    """
-    number = _large_regions(runs, least)
-    sums = _region_sums(cells, width, runs, number)
-    planes, variances = _planes_of_sums(sums)
-    flat = (variances[:, 0] <= 1e-3 * variances.sum(axis=1)) & (variances[:, 1] > 1e-12 * variances[:, 2])
-    flat[0] = True
-    renumbered = (np.cumsum(flat) - 1) * flat
-    return planes[flat], sums[flat], renumbered[number].astype(np.int32)
-
-
-def _result(labels: NDArray[np.uint8], root: NDArray[np.int64], sums: NDArray[np.float64], least: int) -> PlanesOfImage:
-    """Number the joined regions by size and fit each once more to the sums of its parts."""
-    pixels = _histogram(labels.reshape(-1))[: len(root)]
-    sizes = np.bincount(root, weights=pixels, minlength=len(root))
-    number = np.full(_MOST + 1, -1, np.int32)
-    fits: list[PlaneFit] = []
-    for region in np.argsort(-sizes, kind="stable"):
-        if sizes[region] < least or region == 0:
-            continue
-        plane, variances = plane_of_sums(sums[root == region].sum(axis=0))
-        number[: len(root)][root == region] = len(fits)
-        fits.append(PlaneFit(Plane(plane[:3], float(plane[3])), int(sizes[region]), math.sqrt(max(variances[0], 0.0))))
-    out = np.empty(labels.shape, np.int32)
-    _look_up(labels.reshape(-1), number, out.reshape(-1))
-    return PlanesOfImage(out, tuple(fits))
-
-
 @njit(cache=True, nogil=True)
 def _large_regions(runs: NDArray[np.int32], least: int) -> NDArray[np.int32]:
     """New number for each region: 1, 2, ... for those of at least so many cells, the largest first; 0 for others."""
@@ -326,21 +343,24 @@ def _add_run(cells: NDArray[np.float32], sums: NDArray[np.float64]) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _planes_of_sums(sums: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Planes (R, 4) of sums (R, 10), and variances (R, 3), ascending; zeros for region 0."""
-    planes, variances = np.zeros((len(sums), 4)), np.zeros((len(sums), 3))
+def _planes_of_sums(sums: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Planes (R, 4) of sums (R, 10), and which regions are flat, by PCL's bound on the curvature, 0.001."""
+    planes, flat = np.zeros((len(sums), 4)), np.zeros(len(sums), np.bool_)
     for region in range(1, len(sums)):
-        planes[region], variances[region] = plane_of_sums(sums[region])
-    return planes, variances
+        planes[region], variances = plane_of_sums(sums[region])
+        flat[region] = variances[0] <= 1e-3 * variances.sum() and variances[1] > 1e-12 * variances[2]
+    return planes, flat
 
 
 @njit(cache=True, nogil=True)
-def _paint(runs: NDArray[np.int32], number: NDArray[np.int32], labels: NDArray[np.uint8]) -> None:
+def _paint(
+    runs: NDArray[np.int32], number: NDArray[np.int32], flat: NDArray[np.bool_], labels: NDArray[np.uint8]
+) -> None:
     """Give the pixels of the cells of each run the number of its region."""
     labels[:] = 0
     for k in range(len(runs)):
         region = number[runs[k, 3]]
-        if region > 0:
+        if flat[region]:
             r, first, end = 2 * runs[k, 0], 2 * runs[k, 1], 2 * runs[k, 2]
             labels[r, first:end] = region
             labels[r + 1, first:end] = region

@@ -60,8 +60,9 @@ def grid_of(cloud: Words, edge: float, mask: NDArray[np.bool_] | None = None) ->
     keys, cell, table = _cells_of(cloud.words, cloud.layout, 1.0 / edge, chosen)
     if len(keys) == 1 and keys[0] < 0:
         raise GeometryError(f"cells of {edge} m are too small for coordinates so far from the origin; use larger ones")
-    starts, order, ordered = _sorted_into(cloud.words, cloud.layout, cell, len(keys))
-    return NeighbourGrid(ordered, order, starts, keys, table, edge)
+    starts, order = _order(cell, len(keys))
+    del cell  # before as much room again is taken
+    return NeighbourGrid(_gathered(cloud.words, cloud.layout, order), order, starts, keys, table, edge)
 
 
 @njit(cache=True, nogil=True)
@@ -171,11 +172,8 @@ def _cells_of(
 
 
 @njit(cache=True, nogil=True)
-def _sorted_into(
-    words: NDArray[np.float32], layout: Layout, cell: NDArray[np.int32], cells: int
-) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.float32]]:
-    """Where each cell begins; which point stands where; the points in that order."""
-    step, at_x, at_y, at_z = layout
+def _order(cell: NDArray[np.int32], cells: int) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
+    """Where each cell begins, and which point stands where."""
     starts = np.zeros(cells + 1, np.int64)
     for i in range(len(cell)):
         if cell[i] >= 0:
@@ -183,16 +181,23 @@ def _sorted_into(
     for c in range(cells):
         starts[c + 1] += starts[c]
     free = starts[:-1].copy()
-    order, ordered = np.empty(starts[-1], np.int32), np.empty((starts[-1], 3), np.float32)
+    order = np.empty(starts[-1], np.int32)
     for i in range(len(cell)):
         if cell[i] >= 0:
-            place = free[cell[i]]
+            order[free[cell[i]]] = i
             free[cell[i]] += 1
-            order[place] = i
-            ordered[place, 0] = words[step * i + at_x]
-            ordered[place, 1] = words[step * i + at_y]
-            ordered[place, 2] = words[step * i + at_z]
-    return starts, order, ordered
+    return starts, order
+
+
+@njit(cache=True, nogil=True)
+def _gathered(words: NDArray[np.float32], layout: Layout, order: NDArray[np.int32]) -> NDArray[np.float32]:
+    """The points (N, 3) in this order."""
+    step, at_x, at_y, at_z = layout
+    xyz = np.empty((len(order), 3), np.float32)
+    for k in range(len(order)):
+        base = step * order[k]
+        xyz[k, 0], xyz[k, 1], xyz[k, 2] = words[base + at_x], words[base + at_y], words[base + at_z]
+    return xyz
 
 
 def warm_up() -> None:
