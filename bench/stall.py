@@ -27,6 +27,8 @@ def run(stalled: float = 5.0, rate: float = 30.0, burners: int = 0) -> list[dict
         for _ in range(burners):
             stack.enter_context(member(burner))
         time.sleep(_SETTLE)
+        camera.figures()  # of these puts one made the ring
+        time.sleep(_SETTLE)
         before = [m.figures() for m in (camera, other, victim)]
         os.kill(victim.pid, signal.SIGSTOP)
         time.sleep(stalled / 3)
