@@ -31,7 +31,7 @@ from zsight_core import scene as scene_core
 from zsight_core.errors import CoreError
 from zsight_core.points import xyz
 from zsight_core.transform import transform_xyz
-from zsight_protocol.find_object import ANY_TYPE, Capture, FindObjectGoal, FindObjectResult, ResultCode, Status
+from zsight_protocol.find_object import Capture, FindObjectGoal, FindObjectResult, ResultCode, Status
 from zsight_protocol.geometry import TransformList
 from zsight_protocol.message import Header, Time
 from zsight_protocol.object_type import CatalogAnswer, Teaching
@@ -209,8 +209,7 @@ class FindObject:
     def refuse(self, goal: FindObjectGoal) -> FindObjectResult | None:
         """An unknown type is refused with the nearest names."""
         try:
-            if goal.object_type != ANY_TYPE:
-                self._catalogue.resolve(goal.object_type)
+            self._catalogue.wanted(goal.object_type)
         except UsageError as error:
             return self._no_answer(ResultCode.CODE_NOT_RECOGNISED, str(error))
         if goal.camera not in ("", self._settings.camera):
@@ -262,8 +261,7 @@ class FindObject:
         waited = time.monotonic() - started
         handle.notes["stamp_ns"] = cloud.header.stamp.ns
         frame, T_frame_camera = self._frame_for(handle, cloud)
-        wanted = goal.object_type
-        name = wanted if wanted == ANY_TYPE else self._catalogue.resolve(wanted).name
+        name = self._catalogue.wanted(goal.object_type)
         scene = self._scenes.of(
             cloud,
             T_world_camera=self._gravity(cloud),

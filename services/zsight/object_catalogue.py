@@ -83,6 +83,14 @@ class Catalogue:
         hint = f"did you mean {' or '.join(near)}?" if near else f"known are {', '.join(sorted(types))}"
         raise UsageError(f"no object type is called {wanted!r}: {hint}")
 
+    def wanted(self, asked: str) -> str:
+        """The name of the type that a goal asks for by name or number, or ANY_TYPE.
+
+        Raises:
+            UsageError: there is no such type; names the nearest ones.
+        """
+        return asked if asked == ANY_TYPE else self.resolve(asked).name
+
     def model(self, name: str) -> ObjectModel:
         """What the recognisers need of a type; a mesh is read the first time.
 

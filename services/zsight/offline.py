@@ -12,7 +12,6 @@ from zsight.errors import DeadlinePassed, UsageError
 from zsight.object_catalogue import require_type_name
 from zsight_core import scene as scene_core
 from zsight_core.errors import Cancelled
-from zsight_protocol.find_object import ANY_TYPE
 from zsight_protocol.message import Header, Time
 
 if TYPE_CHECKING:
@@ -60,7 +59,7 @@ def find_in_file(
     """
     folders = [object_catalogue.shipped_folder(), *([catalogue] if catalogue is not None else [])]
     types = object_catalogue.load(*folders)
-    name = object_type if object_type == ANY_TYPE else types.resolve(object_type).name
+    name = types.wanted(object_type)
     cloud = cloud_input.read(path, intrinsics)
     points = cloud.points
     T_world_camera = cloud_input.camera_pose(pose, cloud)

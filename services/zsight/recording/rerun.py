@@ -111,7 +111,7 @@ def _find_again(answer: Answer, catalogue: Catalogue) -> FindObjectResult:
     found = finding.find(
         points,
         catalogue,
-        catalogue.resolve(goal.object_type).name,
+        catalogue.wanted(goal.object_type),
         scene=scene,
         T_frame_camera=T_frame_camera,
         region=goal.region,
