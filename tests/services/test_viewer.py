@@ -23,6 +23,7 @@ from zsight.bus.memory_link import MemoryLink, MemoryNetwork
 from zsight.catalogue_server import serve_catalogue
 from zsight.convert import cloud_from_points, points_of, pose_of
 from zsight.parameters import Parameters, Saved, serve_parameters
+from zsight.recording import player, recorder
 from zsight.viewer.selection import lens_of
 from zsight.viewer.status import missing_router
 from zsight_core import pcd
@@ -91,8 +92,8 @@ class Finder(Gated):
 class Scene:
     """A viewer with its page, a plane finder and a camera of the test, in one network in memory."""
 
-    def __init__(self, page: viewer.Page, bus: Bus, finder: Finder) -> None:
-        self.page, self.bus, self.finder = page, bus, finder
+    def __init__(self, page: viewer.Page, bus: Bus, finder: Finder, recordings: Path) -> None:
+        self.page, self.bus, self.finder, self.recordings = page, bus, finder, recordings
         self.clouds = bus.writer(bus.cell.points("kinect"), PointCloud2)
         self.patches = bus.reader(bus.cell.selected_points("kinect"), PointCloud2)
 
@@ -109,7 +110,7 @@ class Scene:
 
 
 @contextlib.contextmanager
-def scene_of(settings: viewer.Settings) -> Iterator[Scene]:
+def scene_of(settings: viewer.Settings, folder: Path) -> Iterator[Scene]:
     network, cell = MemoryNetwork(), Cell("test")
     with (
         contextlib.ExitStack() as stack,
@@ -117,20 +118,23 @@ def scene_of(settings: viewer.Settings) -> Iterator[Scene]:
         running(lambda bus, _: page.show(bus), Bus(MemoryLink(network), cell), settings),
     ):
         stack.enter_context(running(planes.run, Bus(MemoryLink(network), cell), planes.Settings()))
+        recording, playing = recorder.Settings(folder=str(folder)), player.Settings(paused=True)
+        stack.enter_context(running(recorder.run, Bus(MemoryLink(network), cell), recording))
+        stack.enter_context(running(player.run, Bus(MemoryLink(network), cell), playing))
         own, leaf = Bus(MemoryLink(network), cell), voxel.Settings()
         stack.enter_context(running(voxel.run, own, leaf))
         serve_parameters(own, "here", "voxel", "voxel", Parameters(leaf, Saved("test", "voxel")))
         work, served = Finder(), stack.enter_context(Bus(MemoryLink(network), cell))
         server = ActionServer(served, "finder", FindObjectGoal, work, Policy())
         types = serve_catalogue(served, object_catalogue.load(object_catalogue.shipped_folder()), None)
-        yield Scene(page, stack.enter_context(Bus(MemoryLink(network), cell)), work)
+        yield Scene(page, stack.enter_context(Bus(MemoryLink(network), cell)), work, folder)
         types.close()
         server.close()
 
 
 @pytest.fixture(scope="module")
-def scene() -> Iterator[Scene]:
-    with scene_of(viewer.Settings(port=0, budget=6000)) as running_scene:
+def scene(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Scene]:
+    with scene_of(viewer.Settings(port=0, budget=6000), tmp_path_factory.mktemp("recordings")) as running_scene:
         yield running_scene
 
 
@@ -363,6 +367,27 @@ def averaged(page: Page) -> int:
     return int(found[1].replace(",", ""))
 
 
+def test_a_recording_is_made_and_played(page: Page, scene: Scene) -> None:
+    tab(page, "Keep")
+    expect(page.get_by_text("recorder: idle")).to_be_visible()
+    page.get_by_role("button", name="Record", exact=True).click()
+    expect(page.get_by_text("recorder: recording")).to_be_visible()
+    scene.send(room())
+    expect(page.get_by_text(re.compile(r"\.mcap: .* [1-9]\d* messages"))).to_be_visible()
+    page.get_by_role("button", name="Stop recording").click()
+    expect(page.get_by_text("recorder: idle")).to_be_visible()
+    (file,) = scene.recordings.glob("*.mcap")
+    clouds = scene.bus.reader(scene.bus.cell.points("kinect"), PointCloud2)
+    page.get_by_text("Recording", exact=True).locator("xpath=following::input[1]").fill(str(file))
+    page.get_by_role("button", name="Open").click()
+    expect(page.get_by_text(f"player: paused {file.name}")).to_be_visible()
+    page.screenshot(path=SHOTS / "recorded.png")
+    page.get_by_role("button", name="Play", exact=True).click()
+    received = clouds.take(PATIENCE)
+    assert received is not None
+    assert points_of(received.message).tobytes() == room().tobytes()
+
+
 def test_clouds_of_one_point_and_of_two_million_without_colour(page: Page, scene: Scene) -> None:
     scene.send(room().reshape(-1)[:1].reshape(1, 1))
     expect(page.get_by_text("1 point drawn, colour rgb")).to_be_visible()
@@ -387,7 +412,7 @@ def test_an_open_page_finds_its_way_back_after_a_restart(
         first.say(missing_router(("tcp/192.0.2.7:7447",)))
         expect(opened.get_by_text("Nothing is running")).to_be_visible()
         opened.screenshot(path=SHOTS / "nothing.png")
-    with scene_of(settings) as scene:
+    with scene_of(settings, tmp_path) as scene:
         expect(opened.get_by_text("No camera publishes.")).to_be_visible()
         scene.send(room())
         assert soon(lambda: count_near(pixels(opened), RED) > 1000, PATIENCE)

@@ -16,6 +16,8 @@ from zsight.viewer.health import HealthPanel
 from zsight.viewer.keep import Keep
 from zsight.viewer.levelling import Levelling
 from zsight.viewer.picking import Picking
+from zsight.viewer.play_panel import PlayPanel
+from zsight.viewer.record_panel import RecordPanel
 from zsight.viewer.scene_layer import SceneLayer
 from zsight.viewer.selection import Selection
 from zsight.viewer.server import open_server
@@ -108,9 +110,13 @@ class Page:
                 Tuning(server, bus, clouds, selection)
         with tabs.add_tab("Keep"):
             keep = Keep(server, frames, clouds, settings.folder)
+            if not settings.read_only:
+                recording: list[Panel] = [RecordPanel(server, bus), PlayPanel(server, bus)]
+            else:
+                recording = []
         status = StatusLine(self._words, bus, clouds, read_only=settings.read_only)
         server.on_client_connect(lambda _: clouds.redraw())
-        return [status, frames, clouds, cameras, scenes, viewpoint, selection, goals, found, health, keep]
+        return [status, frames, clouds, cameras, scenes, viewpoint, selection, goals, found, health, keep, *recording]
 
 
 @contextlib.contextmanager
