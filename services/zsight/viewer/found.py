@@ -17,21 +17,26 @@ if TYPE_CHECKING:
     import viser
     from numpy.typing import NDArray
 
+    from zsight.viewer.clouds import Clouds
     from zsight.viewer.frames import Frames
     from zsight_protocol.find_object import DetectedObject, FindObjectResult
 
 __all__ = ["FoundObjects", "ellipsoid"]
 
 _DEVIATIONS = 3.0  # standard deviations that the ellipsoid reaches
+_REJECTED = (90, 90, 90)
 _PLAIN = (0, 158, 115)  # of objects whose type has no colour
 
 
 class FoundObjects:
     """The last answer for each type."""
 
-    def __init__(self, server: viser.ViserServer, frames: Frames) -> None:
-        """Args: server of the page; frames that place the objects."""
-        self._server, self._frames = server, frames
+    def __init__(self, server: viser.ViserServer, frames: Frames, clouds: Clouds) -> None:
+        """Args: server of the page; frames that place the objects; clouds in whose frames candidates are told."""
+        self._server, self._frames, self._clouds = server, frames, clouds
+        self._rejected = server.gui.add_checkbox("Rejected", False, hint="Candidates that were looked at and rejected")
+        self._rejected.on_update(lambda _: self._redraw())
+        server.gui.add_button("Clear found objects").on_click(lambda _: self.clear())
         self._catalogue = object_catalogue.load(object_catalogue.shipped_folder())
         self._results: dict[str, FindObjectResult] = {}
         self._nodes: list[str] = []
@@ -54,8 +59,11 @@ class FoundObjects:
         """Draw anew where the fixed frame has changed."""
         if self._generation != self._frames.generation:
             self._generation = self._frames.generation
-            with self._lock:
-                self._draw()
+            self._redraw()
+
+    def _redraw(self) -> None:
+        with self._lock:
+            self._draw()
 
     def _draw(self) -> None:
         for node in self._nodes:
@@ -66,6 +74,22 @@ class FoundObjects:
             if T_fixed_answer is not None:
                 for found in result.objects:
                     self._draw_one(found, T_fixed_answer)
+            if self._rejected.value:
+                self._draw_rejected(result)
+
+    def _draw_rejected(self, result: FindObjectResult) -> None:
+        """Where candidates were seen, with what they were taken for; told in the frame of the cloud."""
+        T = next((shown.T_fixed_cloud for shown in self._clouds.shown()), None)
+        candidates = result.report.get("rejected")
+        if T is None or not isinstance(candidates, list):
+            return
+        for candidate in candidates:
+            node = f"/found/{len(self._nodes)}"
+            self._nodes.append(node)
+            place_of = T[:3, :3] @ np.array(candidate["position"]) + T[:3, 3]  # type: ignore[index,call-overload]  # JSON
+            words = f"{candidate['type']} {candidate['probability']:.0%}, rejected"  # type: ignore[index,call-overload]  # JSON
+            self._server.scene.add_icosphere(node, 0.006, _REJECTED, subdivisions=1, position=place_of)
+            self._server.scene.add_label(f"{node}/label", words, font_screen_scale=0.7, anchor="top-center")
 
     def _draw_one(self, found: DetectedObject, T_fixed_answer: NDArray[np.float64]) -> None:
         scene, node = self._server.scene, f"/found/{len(self._nodes)}"

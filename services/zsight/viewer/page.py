@@ -91,11 +91,11 @@ class Page:
             cameras = Cameras(server, bus, frames, clouds)
             scenes = SceneLayer(server, bus, frames)
             viewpoint = Viewpoint(server, frames, clouds)
-        found = FoundObjects(server, frames)
         with tabs.add_tab("Select"):
             selection = Selection(server, bus, frames, clouds, asks=not settings.read_only)
         with tabs.add_tab("Find"):
             form = None if settings.read_only else server.gui.add_folder(None)
+            found = FoundObjects(server, frames, clouds)
             goals = Goals(server, bus, found)
             if form is not None:
                 with form:
