@@ -74,6 +74,7 @@ def _beside_a_plain_reader(camera: _Camera, endpoint: str) -> _Sent:
         _start(
             reading, "-m", "zsight", "topic", "hz", "zsight/kinect/points", "--connect", endpoint, "--count", "1000000"
         )
+        camera.wait_read()
         camera.measure(SETTLED)
         return camera.measure(PLAIN)
 
@@ -109,6 +110,11 @@ class _Camera:
         xyz = np.stack([(u - 319.5) / 525 * depth, (v - 239.5) / 525 * depth, depth], axis=-1)
         self._points = from_xyz(xyz, np.stack([u % 256, v % 256, (u + v) % 256], axis=-1))
         self._writer = bus.writer(bus.cell.points("kinect"), PointCloud2)
+
+    def wait_read(self) -> None:
+        """Until somebody reads the clouds: what nobody reads is not copied."""
+        while not self._writer.has_readers():
+            threading.Event().wait(0.05)
 
     def measure(self, seconds: float) -> _Sent:
         """Publish for so long."""
