@@ -17,10 +17,10 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from playwright.sync_api import Browser, Page
 
-__all__ = ["PATIENCE", "SHOTS", "chromium", "count_near", "pixels", "tab"]
+__all__ = ["PATIENCE", "SHOTS", "chromium", "count_near", "open_page", "pixels", "tab"]
 
 CHROMIUM = Path("/usr/bin/chromium")
-PATIENCE = 60.0  # seconds; software drawing on a busy machine is slow, and slow is no failure
+PATIENCE = 180.0  # seconds; software drawing on a busy machine is slow, and slow is no failure
 SHOTS = Path(__file__).resolve().parent.parent.parent / "screenshots"
 _SOFTWARE_DRAWING = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox"]
 
@@ -39,6 +39,15 @@ def chromium() -> Iterator[Browser]:
         browser.close()
 
 
+def open_page(browser: Browser, link: str, width: int = 1280, height: int = 720) -> Page:
+    """A page in a window of its own, as patient as the tests."""
+    context = browser.new_context(viewport={"width": width, "height": height}, accept_downloads=True)
+    context.set_default_timeout(PATIENCE * 1e3)
+    page = context.new_page()
+    page.goto(link)
+    return page
+
+
 def pixels(page: Page) -> NDArray[np.int16]:
     """What the page shows: (rows, columns, 3), red green blue."""
     return np.asarray(Image.open(io.BytesIO(page.screenshot())).convert("RGB"), dtype=np.int16)
@@ -51,4 +60,4 @@ def count_near(image: NDArray[np.int16], colour: tuple[int, int, int], tolerance
 
 def tab(page: Page, name: str) -> None:
     """Turn to a tab of the panel."""
-    page.get_by_role("tab", name=name).click(timeout=PATIENCE * 1e3)
+    page.get_by_role("tab", name=name).click()
