@@ -95,7 +95,7 @@ def _first_edge(cloud: Words, count: int) -> float:
     """A cell's edge that reaches the `count`-th nearest of most points, as a sample of them tells."""
     rows = cloud.words.reshape(-1, cloud.layout[0])
     x, y, z = (rows[:, axis] for axis in cloud.layout[1:])
-    finite = np.flatnonzero(np.isfinite(x + y + z))
+    finite = np.flatnonzero(np.isfinite(x) & np.isfinite(y) & np.isfinite(z))
     sample = finite[np.linspace(0, len(finite) - 1, _SAMPLE).astype(np.int64)]
     reach = _reaches(cloud.words, cloud.layout, sample, count)
     farthest = max(float(np.abs(axis[finite[:: max(1, len(finite) // 1000)]]).max()) for axis in (x, y, z))
