@@ -11,6 +11,7 @@ from zsight_protocol.message import Bare, Count, Float64, Header, Message, Time
 
 __all__ = [
     "Clock",
+    "DepthCodedCloud",
     "KeyLoss",
     "PlayerRequest",
     "PlayerState",
@@ -120,6 +121,26 @@ class PlayerState(Message):
     sent: Count = 0
     skipped: Count = 0
     late_p99_ms: Float64 = 0.0
+
+
+class DepthCodedCloud(Message):
+    """A cloud of a depth camera as its images, in a recording only: it comes back within one unit on every axis.
+
+    ``depth`` is height x width numbers of 16 bits, little-endian, ``depth_scale`` metres a unit, 0 where nothing was
+    measured; ``colour`` red, green, blue of each pixel, empty without; fx, fy, cx, cy in pixels, no distortion.
+    """
+
+    header: Header
+    height: Annotated[int, Field(ge=1, lt=2**16)]
+    width: Annotated[int, Field(ge=1, lt=2**16)]
+    fx: Annotated[Float64, Field(gt=0)]
+    fy: Annotated[Float64, Field(gt=0)]
+    cx: Float64
+    cy: Float64
+    depth_scale: Annotated[Float64, Field(gt=0, le=1)]
+    has_colour: bool
+    depth: bytes
+    colour: bytes = b""
 
 
 class Clock(Message):

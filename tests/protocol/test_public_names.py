@@ -90,6 +90,7 @@ PUBLIC = {
     "point_cloud": ["Buffer", "Datatype", "MAXIMUM_BYTES", "MAXIMUM_POINTS", "PointCloud2", "PointField"],
     "recording": [
         "Clock",
+        "DepthCodedCloud",
         "KeyLoss",
         "PlayerRequest",
         "PlayerState",

@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 from tests.services.recordings import START, cloud, sample, transform
 
-from zsight.convert import cloud_from_points
+from zsight.convert import cloud_from_points, points_of
 from zsight.errors import UsageError
+from zsight.recording.depth_coder import DepthCoder
 from zsight.recording.export import export
+from zsight.recording.mcap_file import McapFile
 from zsight.recording.opening import open_recording
 from zsight.recording.recording_file import RecordingFile
-from zsight.sources import open_source
+from zsight.sources import camera_info, open_source
 from zsight_core import depth_image, pcd, ply
 from zsight_core.pinhole import Pinhole
 from zsight_core.points import colours, xyz
@@ -71,6 +73,34 @@ def test_clouds_become_image_pairs_that_are_read_again(recorded: Path, tmp_path:
     np.testing.assert_array_equal(colours(again), colours(seen(0)))
     count, left = export(recorded, tmp_path / "others", "rgbd", key="other/points")
     assert (count, sum(left.values())) == (0, COUNT)  # these are no depth camera's
+
+
+def test_depth_coded_clouds_are_played_and_exported_as_plain_ones(tmp_path: Path) -> None:
+    file = RecordingFile(tmp_path / "coded.mcap", "cell", {}, DepthCoder())
+    file.write(sample("cell/kinect/camera_info", camera_info(CAMERA, "eye"), START))
+    for number in range(COUNT):
+        at = START + 1 + number
+        file.write(sample("cell/kinect/points", cloud_from_points(seen(number), Time.from_ns(at), "eye"), at))
+        file.write(sample("cell/other/points", cloud(number), at + COUNT, writer=8))  # no depth camera's
+    file.finish()
+    with McapFile.open(tmp_path / "coded.mcap") as coded:
+        kinds = {coded.schemas[c.schema_id].name for c in coded.channels.values()}
+        assert "zsight_msgs/msg/DepthCodedCloud" in kinds
+        assert len(next(e for e in coded.messages() if "kinect/points" in e.channel.topic).data) < 30 * 40 * 16 / 2
+    assert export(tmp_path / "coded.mcap", tmp_path / "plain.mcap", "mcap") == (2 * COUNT + 1, {})
+    with McapFile.open(tmp_path / "plain.mcap") as plain:
+        kinds = {plain.schemas[c.schema_id].name for c in plain.channels.values()}
+    assert kinds == {"sensor_msgs/msg/PointCloud2", "sensor_msgs/msg/CameraInfo"}
+    for path in ("coded.mcap", "plain.mcap"):
+        recording = open_recording(tmp_path / path)
+        messages = [played.load() for played in recording.messages(START + 1, None, recording.lines)]
+        clouds = [message for message in messages if isinstance(message, PointCloud2)]
+        recording.close()
+        assert clouds[COUNT:] == [cloud(n) for n in range(COUNT)]
+        for number, message in enumerate(clouds[:COUNT]):
+            assert message.header.stamp.ns == START + 1 + number
+            np.testing.assert_allclose(xyz(points_of(message)), xyz(seen(number)), atol=1.01e-4)
+            np.testing.assert_array_equal(colours(points_of(message)), colours(seen(number)))
 
 
 def test_what_cannot_be_exported_is_refused(recorded: Path, tmp_path: Path) -> None:

@@ -40,6 +40,9 @@ def record(
     exclude: Annotated[str, typer.Option("--exclude", metavar="REGEX", help="No keys that contain this.")] = "",
     duration: Annotated[float | None, typer.Option("--duration", help="Stop after so many seconds.")] = None,
     compression: Annotated[str, typer.Option("--compression", help="auto, none, lz4 or zstd.")] = "auto",
+    depth_coded: Annotated[
+        bool, typer.Option("--depth-coded", help="Depth cameras' clouds as images, where they come back within 0.1 mm.")
+    ] = False,
     split_size: Annotated[float, typer.Option("--split-size", help="Another file after so many MiB.")] = 0,
     split_time: Annotated[float, typer.Option("--split-time", help="Another file after so many seconds.")] = 0,
     keep: Annotated[int, typer.Option("--keep", help="Keep only the last so many files.")] = 0,
@@ -66,7 +69,7 @@ def record(
 
     values = {
         "start": not ring, "keys": " ".join(keys or ()), "include": include, "exclude": exclude,
-        "compression": compression, "split_size": split_size, "split_time": split_time, "keep": keep,
+        "compression": compression, "depth_coded": depth_coded, "split_size": split_size, "split_time": split_time, "keep": keep,
         "on_full": on_full, "reserve": reserve, "ring": ring, "after": after, "trigger_key": trigger_key,
         "trigger_failed_find": trigger_failed_find, "name": "command",
     }  # fmt: skip

@@ -141,6 +141,11 @@ class DiskWriter:
         return self._written_before + (0 if file is None else file.mcap.size)
 
     @property
+    def waiting_bytes(self) -> int:
+        """Bytes that wait to be written."""
+        return self._waiting
+
+    @property
     def bytes_per_second(self) -> float:
         """How fast messages come in."""
         return self._rate.per_second()[1]

@@ -14,9 +14,10 @@ from zsight.recording.recording_file import ABOUT, IN_FORCE, row_of
 from zsight.recording.topic_name import key_of
 from zsight_protocol.channels import Delivery
 from zsight_protocol.point_cloud import PointCloud2
+from zsight_protocol.recording import DepthCodedCloud
 from zsight_protocol.ros_cdr import read_cdr
 from zsight_protocol.ros_definition import parse_definition, short_name
-from zsight_protocol.ros_message import from_values
+from zsight_protocol.ros_message import from_values, ros_type
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
@@ -118,8 +119,16 @@ class McapRecording:
         if line.kind is None:
             return bytes(entry.data)
         schema = self.file.schemas[entry.channel.schema_id]
+        if schema.name == ros_type(DepthCodedCloud).name:
+            return self._decoded(entry, schema)
         values = read_cdr(short_name(schema.name), entry.data, self._definitions[schema.id])
         return from_values(line.kind, tidy(values) if line.kind is PointCloud2 else values)
+
+    def _decoded(self, entry: Entry, schema: Schema) -> Message:
+        from zsight.recording.depth_coder import decoded
+
+        values = read_cdr(short_name(schema.name), entry.data, self._definitions[schema.id])
+        return decoded(from_values(DepthCodedCloud, values))
 
     def close(self) -> None:
         """Close the file."""

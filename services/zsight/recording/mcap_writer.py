@@ -163,11 +163,18 @@ class McapWriter:
         """Wait until all that was written is on the disk; may run on another thread."""
         os.fdatasync(self._file)
 
-    def finish(self, compression: str = "", closing: Callable[[Statistics], Metadata] | None = None) -> None:
+    def finish(
+        self,
+        compression: str = "",
+        closing: Callable[[Statistics], Metadata] | None = None,
+        *,
+        sync: bool = True,
+    ) -> None:
         """Close the chunk and the file, with its summary. Where there is no room for that, the last chunks give way.
 
         Args:
             compression: of the chunk that is open.
+            sync: wait until all of it is on the disk.
             closing: told what the file holds in the end; its answer is the last thing that the file says.
 
         Raises:
@@ -184,8 +191,9 @@ class McapWriter:
                     if not self._indexes:
                         raise
                     self._give_up_last_chunk()
-            with contextlib.suppress(OSError):
-                self.sync()
+            if sync:
+                with contextlib.suppress(OSError):
+                    self.sync()
         finally:
             os.close(self._file)
 

@@ -14,6 +14,7 @@ from zsight.bus.memory_link import matches
 from zsight.errors import UsageError, ZsightError
 from zsight.recording.capture import Capture, KeyChoice
 from zsight.recording.compression import require_choice
+from zsight.recording.depth_coder import DepthCoder
 from zsight.recording.disk_writer import DiskPolicy, DiskWriter, OnFull
 from zsight.recording.file_series import Split
 from zsight.recording.memory_ring import MemoryRing
@@ -51,6 +52,9 @@ class Settings(ServiceSettings):
     exclude: str = Field("", description="regular expression that a key must not contain")
     compression: str = Field(
         "auto", description="none, lz4, zstd; auto: the smallest that keeps up, by measured speed, chunk by chunk"
+    )
+    depth_coded: bool = Field(
+        False, description="write clouds of depth cameras as depth and colour images where they come back within 0.1 mm"
     )
     split_size: float = Field(0, ge=0, description="MiB after which another file begins; 0: never")
     split_time: float = Field(0, ge=0, description="seconds after which another file begins; 0: never")
@@ -178,6 +182,7 @@ class Recorder:
                 about,
                 self._policy,
                 in_force=list(self._in_force.values()),
+                coded=DepthCoder() if self._settings.depth_coded else lambda _, message: message,
                 begin_ns=kept[0].received_ns if kept else None,
             )
         except OSError as error:
