@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import weakref
 from functools import cache, partial
 from typing import TYPE_CHECKING, Any
 
@@ -46,6 +47,8 @@ class BagRecording:
             self._reader.open()
         except (AnyReaderError, OSError, ValueError, KeyError) as error:
             raise UsageError(f"{path} cannot be read as a bag: {error}") from None
+        # A camera that plays a bag has no moment at which it would close it.
+        self._closing = weakref.finalize(self, self._reader.close)
         self.damage = ""
         self.skipped: dict[str, int] = {}
         self.start_ns, self.end_ns = self._reader.start_time, self._reader.end_time
@@ -99,7 +102,7 @@ class BagRecording:
 
     def close(self) -> None:
         """Close the files."""
-        self._reader.close()
+        self._closing()
 
 
 def _identity(connection: Connection) -> tuple[int, int]:
