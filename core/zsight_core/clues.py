@@ -9,6 +9,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numba import njit
 
+from zsight_core.bits import Bits, bits_of
 from zsight_core.transform import inverse
 
 if TYPE_CHECKING:
@@ -89,6 +90,20 @@ class Layer(NamedTuple):
     support: int
 
 
+class Stand(NamedTuple):
+    """A level place on which something may stand."""
+
+    base: float
+    """Height over the surface, metres."""
+    low: NDArray[np.float64]
+    """(2,) low corner of what is seen of it, x and y, support's frame."""
+    high: NDArray[np.float64]
+    """(2,)"""
+    support: int
+    seen: bool
+    """False where only what stands on it is seen."""
+
+
 @dataclass(frozen=True, eq=False)
 class Clues:
     """All pieces of a scene, and its segments as pieces."""
@@ -108,6 +123,16 @@ class Clues:
     """Height, low and high corner (2,) and support of each level piece that may carry something."""
     levels: list[list[float]]
     """Per support the heights on which something may stand."""
+    bits: Bits
+    carriers: list[tuple[float, NDArray[np.float64], NDArray[np.float64], int]]
+    """Those tops above which something is seen."""
+    depth: NDArray[np.float32]
+    pinhole: tuple[float, float, float, float]
+    noise: float
+    frames: list[NDArray[np.float64]]
+    """T_optical_support (4, 4) of each support."""
+    corners: list[NDArray[np.float64]]
+    """Per support the low and the high corner (2, 2), x and y, of what stands over it."""
 
     def bases(self, support: int) -> list[float]:
         """Heights over a surface on which something may stand: the surface itself and level tops, 4 mm apart."""
@@ -126,6 +151,20 @@ class Clues:
             if piece.is_level and piece.support == support and base > UNSEEN and len(piece.points) >= 8:
                 known += [] if any(abs(base - other) < 0.006 for other, _ in known) else [(base, False)]
         return known
+
+    def stands(self, tall: float) -> list[Stand]:
+        """Where something this tall may stand: surfaces, level tops, and below level pieces of its own height."""
+        found = [
+            Stand(0.0, *corners, support, seen=True) for support, corners in enumerate(self.corners) if corners.any()
+        ]
+        found += [Stand(height, low, high, support, seen=True) for height, low, high, support in self.carriers]
+        if tall < LOWEST_UNSEEN:
+            return found
+        for height, low, high, support in self.tops:
+            base = height - tall
+            if base > UNSEEN and not any(abs(base - other.base) < 0.006 and _overlap(low, high, other) for other in found):
+                found.append(Stand(base, low, high, support, seen=False))
+        return found
 
     def layers(self, height: float, support: int) -> list[Layer]:
         """What lies at a height over a surface, metres, without what is steep, in connected pieces."""
@@ -202,7 +241,29 @@ def _collect(scene: Scene) -> Clues:
             levels[support].append(height)
     clumps = _clumps(cells, grid, scene.owner)
     eyes = [T[:3, 3] for T in frames]
-    return Clues(cells, grid, pieces, segments, clumps, eyes, gates, tops, levels)
+    step = scene.patches.step
+    bits = bits_of(cells, grid, np.ascontiguousarray(view.depth[::step, ::step]), gates)
+    carriers = [top for top in tops if top[0] > UNSEEN / 2 and _carries(cells, *top)]
+    corners = [_corners(cells, support) for support in range(len(frames))]
+    return Clues(cells, grid, pieces, segments, clumps, eyes, gates, tops, levels, bits, carriers, view.depth, view.pinhole, scene.noise, [inverse(T) for T in frames], corners)
+
+
+def _carries(cells: Cells, height: float, low: NDArray[np.float64], high: NDArray[np.float64], support: int) -> bool:
+    """True where enough is seen above a top to be something."""
+    xy = cells.points[:, :2]
+    above = (cells.support == support) & (cells.points[:, 2] > height + 0.006)
+    above &= ((xy > low - 0.01) & (xy < high + 0.01)).all(axis=1)
+    return int(above.sum()) >= SMALLEST_TOP
+
+
+def _overlap(low: NDArray[np.float64], high: NDArray[np.float64], stand: Stand) -> bool:
+    return bool(stand.base > 0 and (low < stand.high + 0.01).all() and (high > stand.low - 0.01).all())
+
+
+def _corners(cells: Cells, support: int) -> NDArray[np.float64]:
+    """Low and high corner (2, 2), x and y, of the cells over a support."""
+    xy = cells.points[cells.support == support, :2]
+    return np.array([xy.min(axis=0), xy.max(axis=0)]) if len(xy) else np.zeros((2, 2))
 
 
 def warm_up() -> None:

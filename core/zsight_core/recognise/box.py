@@ -8,6 +8,8 @@ import numpy as np
 from numba import njit
 
 from zsight_core.clues import Clues, Hypothesis, Layer, Piece, ends_of
+from zsight_core.recognise import votes
+from zsight_core.solid import solid_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -28,15 +30,9 @@ UPRIGHT = 0.97
 
 def hypotheses(shape: Box, clues: Clues) -> list[Hypothesis]:
     """Rectangles on tops and against faces, slid to each end where only a part is seen."""
-    found: list[Hypothesis] = []
+    poses = [votes.Pose(R, tall) for R, (_, _, tall) in stable_poses(shape.size)]
+    found = votes.hypotheses(solid_of(shape), poses, clues)
     for R, (a, b, tall) in stable_poses(shape.size):
-        for support in clues.supports():
-            for base, seen in clues.tops_of(tall, support):
-                for layer in clues.layers(base + tall, support):
-                    middle = layer.xy.mean(axis=0)
-                    carried = seen and clues.is_carried(middle, max(a, b), base, support)
-                    if carried or not seen:
-                        found += [guess._replace(carried=carried) for guess in _on_top(layer, R, a, b, tall, base)]
         for piece in clues.pieces:
             found += _against_face(piece, R, a, b, tall)
     return found

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from zsight_core.clues import Clues, Hypothesis, Piece
+from zsight_core.recognise import votes
 from zsight_core.solid import solid_of
 
 if TYPE_CHECKING:
@@ -34,18 +35,7 @@ BALANCE = 0.06
 
 def hypotheses(shape: Mesh, clues: Clues) -> list[Hypothesis]:
     """Standing on each stable face, turned, and shifted so that what would be seen covers what is seen."""
-    found: list[Hypothesis] = []
-    for R, tall in stable_poses(shape):
-        solid = solid_of(shape)
-        corners = solid.vertices @ R.T
-        middles, normals = _facets(corners, solid.faces)
-        reach = float(np.linalg.norm(np.ptp(corners[:, :2], axis=0))) + 0.02
-        for piece in clues.segments + clues.clumps:
-            for base, _ in clues.tops_of(tall, piece.support):
-                fits = abs(float(piece.points[:, 2].max()) - base - tall) < HEIGHT_SLACK
-                if fits and np.ptp(piece.points[:, :2], axis=0).max() < reach:
-                    found += _turned(piece, middles, normals, R, corners, base, clues)
-    return found
+    return votes.hypotheses(solid_of(shape), [votes.Pose(R, tall) for R, tall in stable_poses(shape)], clues)
 
 
 def stable_poses(shape: Mesh) -> list[tuple[NDArray[np.float64], float]]:
