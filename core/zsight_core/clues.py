@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple
 from weakref import WeakKeyDictionary
 
@@ -11,12 +11,12 @@ from numba import njit
 
 from zsight_core.bits import Bits, bits_of
 from zsight_core.transform import inverse
+from zsight_core.wholes import Cells
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from zsight_core.scene import Scene
-    from zsight_core.wholes import Cells
 
 __all__ = ["Clues", "Hypothesis", "Layer", "Piece", "clues_of", "ends_of", "warm_up"]
 
@@ -75,11 +75,19 @@ class Piece:
     support: int
     height: float
     """Metres: median of its points' heights."""
+    low: NDArray[np.float64]
+    """(3,) low corner."""
+    high: NDArray[np.float64]
+    """(3,)"""
 
     @property
     def is_level(self) -> bool:
         """True for a top."""
         return bool(self.normal[2] > LEVEL)
+
+
+Top = tuple[float, "NDArray[np.float64]", "NDArray[np.float64]", int]
+"""Height, low and high corner (2,) and support of a level piece."""
 
 
 class Layer(NamedTuple):
@@ -113,18 +121,16 @@ class Clues:
     """(R, C) number of the cell at each place of the image, or -1."""
     pieces: list[Piece]
     segments: list[Piece]
-    clumps: list[Piece]
-    """Groups of segments that touch: a concave thing is parted like two things."""
     eyes: list[NDArray[np.float64]]
     """Per support the camera's place (3,), metres, in the support's frame."""
     gates: NDArray[np.float64]
     """(N,) metres; how far each cell may lie from the height a shape says."""
-    tops: list[tuple[float, NDArray[np.float64], NDArray[np.float64], int]]
+    tops: list[Top]
     """Height, low and high corner (2,) and support of each level piece that may carry something."""
     levels: list[list[float]]
     """Per support the heights on which something may stand."""
     bits: Bits
-    carriers: list[tuple[float, NDArray[np.float64], NDArray[np.float64], int]]
+    carriers: list[Top]
     """Those tops above which something is seen."""
     depth: NDArray[np.float32]
     pinhole: tuple[float, float, float, float]
@@ -151,6 +157,36 @@ class Clues:
             if piece.is_level and piece.support == support and base > UNSEEN and len(piece.points) >= 8:
                 known += [] if any(abs(base - other) < 0.006 for other, _ in known) else [(base, False)]
         return known
+
+    def near(self, place: NDArray[np.float64], reach: float, support: int) -> Clues:
+        """What is within reach, metres, of a place (3,) over a support."""
+        low, high = place - reach, place + reach
+        cells, numbers = self.cells, np.flatnonzero(self._within(self.cells.points, low, high, self.cells.support, support))
+        grid = np.full_like(self.grid, -1)
+        grid[cells.row[numbers], cells.column[numbers]] = np.arange(len(numbers), dtype=np.int32)
+        some = Cells(*(column[numbers] for column in cells[:5]), cells.start)
+        bits = self._within(self.bits.points, low, high, self.bits.support, support)
+
+        def close(pieces: list[Piece]) -> list[Piece]:
+            return [p for p in pieces if p.support == support and (p.low < high).all() and (p.high > low).all()]
+
+        def standing(tops: list[Top]) -> list[Top]:
+            return [t for t in tops if t[3] == support and (t[1] < high[:2]).all() and (t[2] > low[:2]).all()]
+
+        corners = [np.zeros((2, 2)) for _ in self.corners]
+        corners[support] = np.array([np.maximum(self.corners[support][0], low[:2]), np.minimum(self.corners[support][1], high[:2])])
+        return replace(
+            self, cells=some, grid=grid, gates=self.gates[numbers], bits=Bits(*(column[bits] for column in self.bits)),
+            pieces=close(self.pieces), segments=close(self.segments), tops=standing(self.tops),
+            carriers=standing(self.carriers), corners=corners,
+        )
+
+    @staticmethod
+    def _within(
+        points: NDArray[np.float64], low: NDArray[np.float64], high: NDArray[np.float64], over: NDArray[np.int8], support: int
+    ) -> NDArray[np.bool_]:
+        inside: NDArray[np.bool_] = ((points > low) & (points < high)).all(axis=1) & (over == support)
+        return inside
 
     def stands(self, tall: float) -> list[Stand]:
         """Where something this tall may stand: surfaces, level tops, and below level pieces of its own height."""
@@ -239,13 +275,12 @@ def _collect(scene: Scene) -> Clues:
     for height, _, _, support in tops:
         if height > levels[support][-1] + 0.004:
             levels[support].append(height)
-    clumps = _clumps(cells, grid, scene.owner)
     eyes = [T[:3, 3] for T in frames]
     step = scene.patches.step
     bits = bits_of(cells, grid, np.ascontiguousarray(view.depth[::step, ::step]), gates)
     carriers = [top for top in tops if top[0] > UNSEEN / 2 and _carries(cells, *top)]
     corners = [_corners(cells, support) for support in range(len(frames))]
-    return Clues(cells, grid, pieces, segments, clumps, eyes, gates, tops, levels, bits, carriers, view.depth, view.pinhole, scene.noise, [inverse(T) for T in frames], corners)
+    return Clues(cells, grid, pieces, segments, eyes, gates, tops, levels, bits, carriers, view.depth, view.pinhole, scene.noise, [inverse(T) for T in frames], corners)
 
 
 def _carries(cells: Cells, height: float, low: NDArray[np.float64], high: NDArray[np.float64], support: int) -> bool:
@@ -273,25 +308,12 @@ def warm_up() -> None:
     _layers(place, place, points, points, np.zeros(1, np.int8), np.ones(1), grid, 0.0, 0)
 
 
-def _clumps(cells: Cells, grid: NDArray[np.int32], owner: NDArray[np.int32]) -> list[Piece]:
-    """Groups of at least two segments whose cells touch."""
-    segment = owner[np.repeat(np.arange(len(cells.start) - 1), np.diff(cells.start))].astype(np.int32)
-    number = _connect(cells.row, cells.column, cells.points, np.where(segment >= 2, -1, -2).astype(np.int32), grid)
-    order = np.argsort(number, kind="stable")
-    groups = np.split(order, np.flatnonzero(np.diff(number[order])) + 1)
-    return [
-        _piece(cells, members, 0)
-        for members in groups
-        if len(members) and number[members[0]] >= 0 and (segment[members] != segment[members[0]]).any()
-    ]
-
-
 def _piece(cells: Cells, members: NDArray[np.int64], segment: int) -> Piece:
     points, normals = cells.points[members], cells.normals[members]
     mean = normals.sum(axis=0)
     mean /= max(float(np.linalg.norm(mean)), 1e-9)
     return Piece(
-        points, normals, mean, segment, int(cells.support[members[0]]), float(np.sort(points[:, 2])[len(points) // 2])
+        points, normals, mean, segment, int(cells.support[members[0]]), float(np.sort(points[:, 2])[len(points) // 2]), points.min(axis=0), points.max(axis=0)
     )
 
 

@@ -27,13 +27,13 @@ if TYPE_CHECKING:
 
 __all__ = ["Pose", "hypotheses", "warm_up"]
 
-CELL = 0.008
+CELL = 0.010
 """Metres; votes are counted in cells of this size in x and y."""
 
 YAWS = 36
 """Votes are counted in so many steps of yaw."""
 
-SPACING = 0.006
+SPACING = 0.008
 """Metres between the bits of a model."""
 
 LAYER = 0.008
@@ -45,13 +45,13 @@ LEVEL_FACE = 0.95
 FEWEST = 6
 """Votes in a cell and its neighbours below which nothing is proposed."""
 
-MOST = 600
+MOST = 300
 """Places a pose and height that are looked at."""
 
 KEPT = 40
 """Places proposed a pose and height."""
 
-PEEKS = 150
+PEEKS = 80
 """Points of the model at which a place is peeked at."""
 
 PEEKED = 0.25
@@ -116,12 +116,12 @@ def _standing(table: _Table, pose: Pose, stand: Stand, clues: Clues) -> list[Hyp
     if not len(peaks):
         return []
     places = np.column_stack([window[0, 0] + peaks[:, 1] * CELL, window[0, 1] + peaks[:, 2] * CELL, peaks[:, 3] * (2 * np.pi / YAWS)])
-    scores = _peek(clues.depth, clues.pinhole, clues.frames[stand.support], table.points, table.normals, places, stand.base, clues.noise)
-    order = np.argsort(-scores, kind="stable")
+    places, scores = _best_places(
+        clues.depth, clues.pinhole, clues.frames[stand.support], table.points, table.normals, places, stand.base,
+        clues.noise, KEPT,
+    )
     found = []
-    for k in order[: KEPT]:
-        if scores[k] < PEEKED:
-            break
+    for k in range(len(places)):
         x, y, yaw = places[k]
         c, s = np.cos(yaw), np.sin(yaw)
         T = np.eye(4)
@@ -226,11 +226,11 @@ def _vote(
     layers: int,
     window: NDArray[np.float64],
     reach: float,
-) -> NDArray[np.int32]:
+) -> NDArray[np.int16]:
     """Votes (YAWS, rows, columns) for the place of the model's origin within the window, low and high corner (2, 2)."""
     columns = int((window[1, 0] - window[0, 0]) / CELL) + 3
     rows = int((window[1, 1] - window[0, 1]) / CELL) + 3
-    votes = np.zeros((YAWS, rows, columns), np.int32)
+    votes = np.zeros((YAWS, rows, columns), np.int16)
     cosines, sines = np.empty(720), np.empty(720)
     for k in range(720):
         cosines[k], sines[k] = np.cos(k * np.pi / 360), np.sin(k * np.pi / 360)
@@ -257,7 +257,7 @@ def _vote(
 
 
 @njit(cache=True, nogil=True)
-def _peaks(votes: NDArray[np.int32], fewest: int, most: int) -> NDArray[np.float64]:  # noqa: C901  one compiled loop
+def _peaks(votes: NDArray[np.int16], fewest: int, most: int) -> NDArray[np.float64]:  # noqa: C901  one compiled loop
     """Most agreed places (N, 4): votes there and around, column, row and yaw as fractions of cells; best first."""
     yaws, rows, columns = votes.shape
     highest = votes.max()
@@ -317,7 +317,7 @@ def _peaks(votes: NDArray[np.int32], fewest: int, most: int) -> NDArray[np.float
 
 
 @njit(cache=True, nogil=True)
-def _peek(
+def _best_places(
     depth: NDArray[np.float32],
     pinhole: tuple[float, float, float, float],
     T_optical_support: NDArray[np.float64],
@@ -326,38 +326,94 @@ def _peek(
     places: NDArray[np.float64],
     base: float,
     noise: float,
-) -> NDArray[np.float64]:
-    """Share of the facing points of the model that are there, less twice those seen through, at each place (N, 3)."""
+    most: int,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The best of some places (N, 3) after a climb, without repetitions, best first, and their scores."""
+    scores = np.empty(len(places))
+    for i in range(len(places)):
+        scores[i] = _peek(depth, pinhole, T_optical_support, points, normals, places[i], base, noise)
+    order = np.argsort(-scores, kind="mergesort")[:most]
+    kept, heights = np.empty((most, 3)), np.empty(most)
+    count = 0
+    for i in order:
+        if scores[i] < PEEKED / 2:
+            break
+        place, score = places[i].copy(), scores[i]
+        step = 1.0
+        while step > 0.4:
+            better = False
+            for axis in range(3):
+                for sign in (-1.0, 1.0):
+                    trial = place.copy()
+                    trial[axis] += sign * step * (CELL / 2 if axis < 2 else np.pi / YAWS / 2)
+                    reached = _peek(depth, pinhole, T_optical_support, points, normals, trial, base, noise)
+                    if reached > score:
+                        place, score, better = trial, reached, True
+            if not better or step < 1:
+                step /= 2
+        if score < PEEKED:
+            continue
+        again = False
+        for q in range(count):
+            turn = abs(kept[q, 2] - place[2]) % (2 * np.pi)
+            turn = min(turn, 2 * np.pi - turn)
+            if turn < 0.12 and abs(kept[q, 0] - place[0]) < 0.006 and abs(kept[q, 1] - place[1]) < 0.006:
+                again = True
+        if not again:
+            kept[count], heights[count] = place, score
+            count += 1
+    order = np.argsort(-heights[:count], kind="mergesort")
+    return kept[order], heights[order]
+
+
+@njit(cache=True, nogil=True)
+def _peek(
+    depth: NDArray[np.float32],
+    pinhole: tuple[float, float, float, float],
+    T_optical_support: NDArray[np.float64],
+    points: NDArray[np.float64],
+    normals: NDArray[np.float64],
+    place: NDArray[np.float64],
+    base: float,
+    noise: float,
+) -> float:
+    """Share of the facing points of the model that are there, less twice those seen through, at a place (3,)."""
     fx, fy, cx, cy = pinhole
     height, width = depth.shape
     T = T_optical_support
-    scores = np.zeros(len(places))
-    for i in range(len(places)):
-        c, s = np.cos(places[i, 2]), np.sin(places[i, 2])
-        facing, there, through = 0, 0, 0
-        for k in range(len(points)):
-            x = c * points[k, 0] - s * points[k, 1] + places[i, 0]
-            y = s * points[k, 0] + c * points[k, 1] + places[i, 1]
-            z = points[k, 2] + base
-            nx, ny, nz = c * normals[k, 0] - s * normals[k, 1], s * normals[k, 0] + c * normals[k, 1], normals[k, 2]
-            px = T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3]
-            py = T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3]
-            pz = T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3]
-            qx = T[0, 0] * nx + T[0, 1] * ny + T[0, 2] * nz
-            qy = T[1, 0] * nx + T[1, 1] * ny + T[1, 2] * nz
-            qz = T[2, 0] * nx + T[2, 1] * ny + T[2, 2] * nz
-            if qx * px + qy * py + qz * pz > -0.15 * pz or pz < 0.05:
-                continue
-            u, v = int(fx * px / pz + cx + 0.5), int(fy * py / pz + cy + 0.5)
-            if not (0 <= u < width and 0 <= v < height) or depth[v, u] <= 0:
-                continue
-            facing += 1
-            off = depth[v, u] - pz
-            gate = SLACK + 3 * noise * pz * pz
-            if abs(off) < gate:
-                there += 1
-            elif off > 0:
-                through += 1
-        if there >= 4:
-            scores[i] = (there - 2.0 * through) / facing
-    return scores
+    c, s = np.cos(place[2]), np.sin(place[2])
+    facing, there, score = 0, 0, 0.0
+    for k in range(len(points)):
+        x = c * points[k, 0] - s * points[k, 1] + place[0]
+        y = s * points[k, 0] + c * points[k, 1] + place[1]
+        z = points[k, 2] + base
+        nx, ny, nz = c * normals[k, 0] - s * normals[k, 1], s * normals[k, 0] + c * normals[k, 1], normals[k, 2]
+        px = T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3]
+        py = T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3]
+        pz = T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3]
+        qx = T[0, 0] * nx + T[0, 1] * ny + T[0, 2] * nz
+        qy = T[1, 0] * nx + T[1, 1] * ny + T[1, 2] * nz
+        qz = T[2, 0] * nx + T[2, 1] * ny + T[2, 2] * nz
+        if pz < 0.05 or qx * px + qy * py + qz * pz > -0.15 * pz:
+            continue
+        u, v = int(fx * px / pz + cx + 0.5), int(fy * py / pz + cy + 0.5)
+        if not (0 <= u < width and 0 <= v < height) or depth[v, u] <= 0:
+            continue
+        facing += 1
+        off = (depth[v, u] - pz) / (SLACK + 3 * noise * pz * pz)
+        if abs(off) < 1:
+            there += 1
+            score += 1 - 0.5 * off * off
+        elif off > 0:
+            score -= 2
+    return score / facing if there >= 4 else -2.0
+
+
+def warm_up() -> None:
+    """Compile the kernels (or load them from their cache)."""
+    one, kind = np.zeros(1), np.zeros(1, np.int8)
+    start = np.array([0, 1])
+    votes = _vote(np.zeros((1, 3)), one, kind, kind, 0, 5.0, start, np.zeros((1, 2)), one, 1, np.zeros((2, 2)), 0.1)
+    _peaks(votes, 1, 1)
+    depth, point = np.ones((4, 4), np.float32), np.zeros((1, 3))
+    _best_places(depth, (1.0, 1.0, 0.0, 0.0), np.eye(4), point, point, point, 0.0, 1e-3, 1)
