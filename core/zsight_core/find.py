@@ -15,9 +15,10 @@ import numpy as np
 
 from zsight_core import bits, clues, contour, refine, render, verify
 from zsight_core import scene as scene_stage
-from zsight_core.candidates import DOUBTFUL, Candidate, Candidates, Trials, near, rank_of
+from zsight_core.candidates import DOUBTFUL, ROOM_SHARED, Candidate, Candidates, Trials, near, rank_of
 from zsight_core.errors import ModelError
 from zsight_core.model import ObjectModel, Surface, size_of
+from zsight_core.overlap import shared
 from zsight_core.recognise import votes
 from zsight_core.recognise.surface import surfaces
 from zsight_core.scene import Checkpoint, Scene, go_on, understand
@@ -316,12 +317,11 @@ class _Search:
         return self.candidates.among(rival, self.clues.near(T[:3, 3], reach, support))[0].kept
 
     def _share_place(self, a: Hypothesis, model_a: ObjectModel, b: Hypothesis, model_b: ObjectModel) -> bool:
-        """True where the middle of one would be inside the other's box: both cannot be there."""
+        """True where both cannot be there."""
         T_a = self.clues.frames[a.support] @ a.T_support_model
         T_b = self.clues.frames[b.support] @ b.T_support_model
-        b_in_a = np.abs(inverse(T_a) @ T_b[:, 3])[:3] <= np.array(size_of(model_a.shape)) / 2
-        a_in_b = np.abs(inverse(T_b) @ T_a[:, 3])[:3] <= np.array(size_of(model_b.shape)) / 2
-        return bool(b_in_a.all() or a_in_b.all())
+        solids = (solid_of(model.shape, coarse=True) for model in (model_a, model_b))
+        return shared(next(solids), T_a, next(solids), T_b) > ROOM_SHARED
 
     def _in_cloud(self, hypothesis: Hypothesis) -> NDArray[np.float64]:
         T: NDArray[np.float64] = self.scene.supports[hypothesis.support].T_camera_support @ hypothesis.T_support_model
