@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from zsight_core.recognise import votes
+from zsight_core.solid import solid_of
 from zsight_core.clues import Clues, Hypothesis, Layer, Piece, ends_of
 
 if TYPE_CHECKING:
@@ -21,15 +23,8 @@ LYING = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
 
 def hypotheses(shape: Cylinder, clues: Clues) -> list[Hypothesis]:
     """Standing cylinders from tops and from sides; lying ones from the ridge of their sides."""
-    radius = shape.diameter / 2
-    found: list[Hypothesis] = []
-    for support in clues.supports():
-        for base, seen in clues.tops_of(shape.height, support):
-            for layer in clues.layers(base + shape.height, support):
-                carried = seen and clues.is_carried(layer.xy.mean(axis=0), shape.diameter, base, support)
-                if carried or not seen:
-                    places = _disc_places(layer, radius, clues)
-                    found += [_standing(xy, base, shape, support)._replace(carried=carried) for xy in places]
+    poses = [votes.Pose(np.eye(3), shape.height, round=True), votes.Pose(LYING, shape.diameter)]
+    found = votes.hypotheses(solid_of(shape), poses, clues)
     for piece in clues.segments + clues.pieces:
         if len(piece.points) < 12:
             continue

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from zsight_core.clues import Clues, Hypothesis
+from zsight_core.recognise import votes
+from zsight_core.solid import solid_of
 
 if TYPE_CHECKING:
     from zsight_core.model import Sphere
@@ -17,7 +19,7 @@ __all__ = ["hypotheses"]
 def hypotheses(shape: Sphere, clues: Clues) -> list[Hypothesis]:
     """One centre a segment and a piece, where the height of most centres is that of a ball on something."""
     radius = shape.diameter / 2
-    found: list[Hypothesis] = []
+    found = votes.hypotheses(solid_of(shape), [votes.Pose(np.eye(3), shape.diameter, round=True)], clues)
     for piece in clues.segments + clues.pieces:
         known = np.abs(piece.normals).sum(axis=1) > 0.5
         if known.sum() < 10:

@@ -70,6 +70,8 @@ class Pose(NamedTuple):
     """(3, 3) from the model to a frame with z up."""
     tall: float
     """Metres."""
+    round: bool = False
+    """True where turning it about the vertical changes nothing."""
 
 
 class _Table(NamedTuple):
@@ -96,7 +98,7 @@ def hypotheses(solid: Solid, poses: Sequence[Pose], clues: Clues) -> list[Hypoth
     """Where the solid may rest in one of the poses."""
     found: list[Hypothesis] = []
     for pose in poses:
-        table = _table(solid.vertices.tobytes(), solid.faces.tobytes(), pose.R.tobytes())
+        table = _table(solid.vertices.tobytes(), solid.faces.tobytes(), pose.R.tobytes(), pose.round)
         for stand in clues.stands(pose.tall):
             found += _standing(table, pose, stand, clues)
     return found
@@ -110,7 +112,7 @@ def _standing(table: _Table, pose: Pose, stand: Stand, clues: Clues) -> list[Hyp
     window = np.array([stand.low - wider, stand.high + wider])
     votes = _vote(
         bits.points, bits.azimuth, bits.kind, bits.support, stand.support, stand.base,
-        table.start, table.xy, table.azimuth, table.layers, window, table.reach,
+        table.start, table.xy, table.azimuth, table.layers, window, table.reach, 1 if pose.round else YAWS,
     )
     peaks = _peaks(votes, FEWEST, MOST)
     if not len(peaks):
@@ -127,12 +129,12 @@ def _standing(table: _Table, pose: Pose, stand: Stand, clues: Clues) -> list[Hyp
         T = np.eye(4)
         T[:3, :3] = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ pose.R
         T[:3, 3] = x, y, stand.base + table.below
-        found.append(Hypothesis(T, stand.base, stand.support, turns=True, carried=stand.seen))
+        found.append(Hypothesis(T, stand.base, stand.support, turns=not pose.round, carried=stand.seen))
     return found
 
 
 @lru_cache(maxsize=256)
-def _table(vertices: bytes, faces: bytes, rotation: bytes) -> _Table:
+def _table(vertices: bytes, faces: bytes, rotation: bytes, is_round: bool) -> _Table:
     """Bits of a solid."""
     corners = np.frombuffer(vertices).reshape(-1, 3) @ np.frombuffer(rotation).reshape(3, 3).T
     triangles = corners[np.frombuffer(faces, np.int32).reshape(-1, 3)]
@@ -141,6 +143,9 @@ def _table(vertices: bytes, faces: bytes, rotation: bytes) -> _Table:
     few, ways = points[some], normals[some]
     rim, outward = _rims(triangles)
     low = float(corners[:, 2].min())
+    if is_round:  # one meridian stands for all
+        points, normals = _turned_to_front(points, normals)
+        rim, outward = _turned_to_front(rim, outward)
     steep = np.hypot(normals[:, 0], normals[:, 1]) > 0.3
     points, normals = points[steep], normals[steep]
     angle = np.arccos(np.clip(normals[:, 2], -1, 1)) / CLASS_WIDTH
@@ -165,6 +170,19 @@ def _table(vertices: bytes, faces: bytes, rotation: bytes) -> _Table:
     reach = float(np.linalg.norm(corners[:, :2], axis=1).max()) + CELL
     few = few - np.array([0.0, 0.0, low]) - INSET * ways
     return _Table(start, np.ascontiguousarray(everything[chosen, :2]), azimuth[chosen], layers, reach, -low, few, ways)
+
+
+def _turned_to_front(
+    points: NDArray[np.float64], ways: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Points (N, 3) and the ways they face, each turned about z so that it lies over the x axis, without repetitions."""
+    far, level = np.hypot(points[:, 0], points[:, 1]), np.hypot(ways[:, 0], ways[:, 1])
+    sign = np.where((points[:, :2] * ways[:, :2]).sum(axis=1) < 0, -1.0, 1.0)
+    turned = np.column_stack([far * sign, np.zeros(len(far)), points[:, 2]])
+    facing = np.column_stack([level, np.zeros(len(far)), *ways[:, 2:].T])
+    key = np.column_stack([turned / SPACING, facing * 4]).round()
+    chosen = np.sort(np.unique(key, axis=0, return_index=True)[1])
+    return turned[chosen], facing[chosen]
 
 
 def _scatter(triangles: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -226,11 +244,12 @@ def _vote(
     layers: int,
     window: NDArray[np.float64],
     reach: float,
+    yaws: int,
 ) -> NDArray[np.int16]:
     """Votes (YAWS, rows, columns) for the place of the model's origin within the window, low and high corner (2, 2)."""
     columns = int((window[1, 0] - window[0, 0]) / CELL) + 3
     rows = int((window[1, 1] - window[0, 1]) / CELL) + 3
-    votes = np.zeros((YAWS, rows, columns), np.int16)
+    votes = np.zeros((yaws, rows, columns), np.int16)
     cosines, sines = np.empty(720), np.empty(720)
     for k in range(720):
         cosines[k], sines[k] = np.cos(k * np.pi / 360), np.sin(k * np.pi / 360)
@@ -250,7 +269,7 @@ def _vote(
             x = points[i, 0] - (cosines[fine] * xy[j, 0] - sines[fine] * xy[j, 1])
             y = points[i, 1] - (sines[fine] * xy[j, 0] + cosines[fine] * xy[j, 1])
             column, row = int((x - x0) / CELL + 0.5), int((y - y0) / CELL + 0.5)
-            yaw = ((fine * YAWS + 360) // 720) % YAWS
+            yaw = ((fine * yaws + 360) // 720) % yaws
             if 0 <= row < rows and 0 <= column < columns:
                 votes[yaw, row, column] += 1
     return votes
@@ -268,6 +287,7 @@ def _peaks(votes: NDArray[np.int16], fewest: int, most: int) -> NDArray[np.float
             for c in range(columns):
                 if votes[y, r, c] >= least:
                     total += 1
+    around = 1 if yaws > 1 else 0
     sums, places = np.empty(total, np.int64), np.empty((total, 3), np.int64)
     count = 0
     for y in range(yaws):
@@ -276,7 +296,7 @@ def _peaks(votes: NDArray[np.int16], fewest: int, most: int) -> NDArray[np.float
                 if votes[y, r, c] < least:
                     continue
                 sum_ = 0
-                for dy in range(-1, 2):
+                for dy in range(-around, around + 1):
                     for dr in range(-1, 2):
                         for dc in range(-1, 2):
                             sum_ += votes[(y + dy) % yaws, r + dr, c + dc]
@@ -302,7 +322,7 @@ def _peaks(votes: NDArray[np.int16], fewest: int, most: int) -> NDArray[np.float
             continue
         kept[number] = places[k]
         weight, sy, sr, sc = 0.0, 0.0, 0.0, 0.0
-        for dy in range(-1, 2):
+        for dy in range(-around, around + 1):
             for dr in range(-1, 2):
                 for dc in range(-1, 2):
                     v = votes[(y + dy) % yaws, r + dr, c + dc]
@@ -413,7 +433,7 @@ def warm_up() -> None:
     """Compile the kernels (or load them from their cache)."""
     one, kind = np.zeros(1), np.zeros(1, np.int8)
     start = np.array([0, 1])
-    votes = _vote(np.zeros((1, 3)), one, kind, kind, 0, 5.0, start, np.zeros((1, 2)), one, 1, np.zeros((2, 2)), 0.1)
+    votes = _vote(np.zeros((1, 3)), one, kind, kind, 0, 5.0, start, np.zeros((1, 2)), one, 1, np.zeros((2, 2)), 0.1, 1)
     _peaks(votes, 1, 1)
     depth, point = np.ones((4, 4), np.float32), np.zeros((1, 3))
     _best_places(depth, (1.0, 1.0, 0.0, 0.0), np.eye(4), point, point, point, 0.0, 1e-3, 1)
