@@ -12,14 +12,18 @@ if TYPE_CHECKING:
 
     from zsight_core.wholes import Cells
 
-__all__ = ["CLASSES", "CLASS_WIDTH", "RIM", "Bits", "bits_of", "warm_up"]
+__all__ = ["CLASS_WIDTH", "KINDS", "RIM", "STEEP_CELL", "Bits", "bits_of", "warm_up"]
 
 CLASSES = 12
+"""Steps from looking up to looking down."""
+
 CLASS_WIDTH = np.pi / CLASSES
 """Radians; bits of surface are compared by steepness in classes of this width."""
 
 RIM = CLASSES
 """Kind of a bit of a rim; other kinds are classes of steepness."""
+
+KINDS = CLASSES + 1
 
 LEVEL_CELL = 0.85
 """Least upward part of the normal of a cell of a top."""
@@ -59,7 +63,16 @@ def bits_of(cells: Cells, grid: NDArray[np.int32], depth: NDArray[np.float32], g
 def warm_up() -> None:
     """Compile the kernels (or load them from their cache)."""
     place, point = np.zeros(1, np.int64), np.zeros((1, 3))
-    _bits(place, place, point, point, np.zeros(1, np.int8), np.zeros((1, 1), np.int32), np.ones((1, 1), np.float32), np.ones(1))
+    _bits(
+        place,
+        place,
+        point,
+        point,
+        np.zeros(1, np.int8),
+        np.zeros((1, 1), np.int32),
+        np.ones((1, 1), np.float32),
+        np.ones(1),
+    )
 
 
 @njit(cache=True, nogil=True)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from zsight_core import bits, clues, contour, refine, render, verify
+from zsight_core import bits, contour, peek, refine, render, verify
 from zsight_core import scene as scene_stage
 from zsight_core.candidates import DOUBTFUL, ROOM_SHARED, Candidate, Candidates, Trials, near, rank_of
 from zsight_core.errors import ModelError
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from zsight_core.clues import Clues, Hypothesis
     from zsight_core.points import Points
     from zsight_core.scene import Segment
     from zsight_core.verify import Evidence
@@ -178,7 +179,7 @@ def find(
 def warm_up() -> None:
     """Compile all kernels of the finder (or load them from their cache)."""
     scene_stage.warm_up()
-    for module in (render, contour, refine, verify, clues, bits, votes):
+    for module in (render, contour, refine, verify, bits, votes, peek):
         module.warm_up()
     import scipy.spatial  # noqa: F401  it takes a tenth of a second, which the first query should not wait for
 
@@ -210,7 +211,7 @@ class _Search:
 
     @property
     def clues(self) -> Clues:
-        """Pieces of the scene."""
+        """What there is to see in the scene."""
         return self.candidates.clues
 
     def surfaces(self, model: ObjectModel) -> list[Detection]:
@@ -314,7 +315,7 @@ class _Search:
             return self.candidates.of(rival)[0].kept
         T, support = candidate.hypothesis.T_support_model, candidate.hypothesis.support
         reach = (float(np.linalg.norm(size_of(model.shape))) + float(np.linalg.norm(size_of(rival.shape)))) / 2
-        return self.candidates.among(rival, self.clues.near(T[:3, 3], reach, support))[0].kept
+        return self.candidates.among(rival, self.clues.near(T[:2, 3], reach, support))[0].kept
 
     def _share_place(self, a: Hypothesis, model_a: ObjectModel, b: Hypothesis, model_b: ObjectModel) -> bool:
         """True where both cannot be there."""

@@ -192,7 +192,6 @@ def _count(  # noqa: C901  one compiled loop over pixels; splitting it would pas
 ) -> NDArray[np.float64]:
     """The numbers of Evidence (17,)."""
     counts = np.zeros(17)
-    height, width = depth.shape
     placed = place(T_optical_model, vertices)
     region = region_of(placed, pinhole, most)
     if region[2] == 0:
@@ -200,21 +199,21 @@ def _count(  # noqa: C901  one compiled loop over pixels; splitting it would pas
     planes = face_planes(placed, faces)
     w, face = draw(placed, faces, planes, pinhole, region)
     u0, v0, columns, rows, step = region
-    state = _states(depth, w, face, region, noise, tolerance)
-    _spread_what_hides(state)
+    states = _states(depth, w, face, region, noise, tolerance)
+    _spread_what_hides(states)
     block = max(3, (max(rows, columns) + 7) // 8)
     blocks = np.zeros((rows // block + 1, columns // block + 1, 3))
     inner = 0
     for r in range(rows):
         v = v0 + r * step
         for k in range(columns):
-            if state[r, k] == OFF:
+            if states[r, k] == OFF:
                 continue
             u = u0 + k * step
             counts[0] += 1
-            if state[r, k] in (BEYOND, UNKNOWN, HIDDEN):
-                counts[state[r, k]] += 1
-            if state[r, k] in (BEYOND, UNKNOWN):
+            if states[r, k] in (BEYOND, UNKNOWN, HIDDEN):
+                counts[states[r, k]] += 1
+            if states[r, k] in (BEYOND, UNKNOWN):
                 continue
             inside = 0 < r < rows - 1 and 0 < k < columns - 1
             if inside:
@@ -222,9 +221,9 @@ def _count(  # noqa: C901  one compiled loop over pixels; splitting it would pas
             if not inside:
                 continue
             inner += 1
-            if state[r, k] == HIDDEN:
+            if states[r, k] == HIDDEN:
                 continue
-            counts[state[r, k]] += 1
+            counts[states[r, k]] += 1
             z = 1.0 / w[r, k]
             residual = 1.0 / depth[v, u] - w[r, k]
             if abs(residual) < 3.0 * noise + IN_FRONT * w[r, k] * w[r, k]:
