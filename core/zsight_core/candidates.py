@@ -13,7 +13,7 @@ import numpy as np
 
 from zsight_core import refine, verify
 from zsight_core.clues import Clues, Hypothesis, clues_of
-from zsight_core.model import size_of
+from zsight_core.model import Mesh, size_of
 from zsight_core.overlap import shared
 from zsight_core.recognise import hypotheses
 from zsight_core.score import logit_of, probability_of
@@ -46,17 +46,23 @@ FITS_AT_ONCE = 10
 ROUGHLY_FITTED = 60
 """Hypotheses that are roughly fitted at most, the best of the quick looks."""
 
-A_PLACE = 6
+A_PLACE = 8
 """Hypotheses of one place that are roughly fitted at most."""
 
-WELL_FITTED = 3
+WELL_FITTED = 5
 """Hypotheses of one place that are well fitted at most."""
 
-PROMISING = 1.05
+PROMISING = 1.0
 """Least promise of a hypothesis that is fitted; 98 of 100 true ones have more, and 40 of 100 others."""
 
 BEHIND = 0.3
 """Promise by which a hypothesis may be behind the best of its place and still be fitted."""
+
+ROUGH_STEPS = 5
+"""Iterations of a rough fit."""
+
+ROUGH_NOISE = 5e-4
+"""1/m; what a rough fit leaves of its first error counts as noise of inverse depth."""
 
 LIKELY = -4.0
 """Least logarithm of odds of a rough fit that is fitted well; 99 of 100 true ones have more, and 6 of 100 others."""
@@ -133,10 +139,10 @@ class Candidates:
         """Candidates of a type that follow from some clues."""
         guesses = hypotheses(model.shape, clues)
         best = self._most_promising(model, guesses)
-        rough = self._fitted(solid_of(model.shape, coarse=True), best, pixels=300, steps=5, look=800)
+        solid = solid_of(model.shape)
+        rough = self._fitted(solid if isinstance(model.shape, Mesh) else solid_of(model.shape, coarse=True), best, pixels=300, steps=ROUGH_STEPS, look=800)
         rough = [candidate for candidate in rough if logit_of(candidate.evidence) > LIKELY]
         chosen = _best_few_of_each_place(rough, min(size_of(model.shape)))
-        solid = solid_of(model.shape)
         tried = self._fitted(solid, chosen, pixels=900, steps=8, look=4000)
         kept = [self._polished(solid, c) for c in _one_a_place(tried, solid_of(model.shape, coarse=True))]
         return Trials(tried, kept), Counts(len(guesses), len(best))
@@ -171,7 +177,8 @@ class Candidates:
             steps,
             pixels,
         )
-        evidence = verify.compare(view.depth, view.pinhole, *shape, T, footing, self.scene.noise, most=look)
+        noise = self.scene.noise if steps > ROUGH_STEPS else max(self.scene.noise, ROUGH_NOISE)
+        evidence = verify.compare(view.depth, view.pinhole, *shape, T, footing, noise, most=look)
         fitted = guess._replace(T_support_model=T)
         return Candidate(fitted, evidence, information, _probability(fitted, evidence))
 

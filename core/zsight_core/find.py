@@ -18,7 +18,7 @@ from zsight_core import scene as scene_stage
 from zsight_core.candidates import DOUBTFUL, ROOM_SHARED, Candidate, Candidates, Trials, near, rank_of
 from zsight_core.errors import ModelError
 from zsight_core.model import ObjectModel, Surface, size_of
-from zsight_core.overlap import shared
+from zsight_core.overlap import hull_area, shared
 from zsight_core.recognise import votes
 from zsight_core.recognise.surface import surfaces
 from zsight_core.scene import Checkpoint, Scene, go_on, understand
@@ -53,6 +53,12 @@ NOISE_SHARED = 4.5
 
 ACCEPTED = 0.5
 """Probability from which a candidate is reported."""
+
+TAKEN = 0.1
+"""Share of its pixels by which a rival must explain more than a candidate to take its place."""
+
+CLEAR = 0.97
+"""Probability, and shares of the outline that are seen and that say yes, from which no rival is looked for."""
 
 SURELY_SEEN = 0.5
 """Probability of having been seen below which an absent object makes the answer cannot_tell."""
@@ -300,14 +306,24 @@ class _Search:
     ) -> tuple[str, Candidate] | None:
         """The rival that fits best where the candidate stands, and how."""
         best: tuple[str, Candidate] | None = None
+        if _is_clear(candidate):
+            return best
         for rival in rivals:
             if rival.name == model.name or isinstance(rival.shape, Surface):
+                continue
+            if self._most_pixels(rival, candidate.hypothesis) < _net(candidate) + TAKEN * candidate.evidence.match:
                 continue
             for other in self._candidates_of_rival(rival, model, candidate):
                 there = self._share_place(candidate.hypothesis, model, other.hypothesis, rival)
                 if there and other.probability > DOUBTFUL and (best is None or _explains_better(other, best[1])):
                     best = (rival.name, other)
         return best
+
+    def _most_pixels(self, rival: ObjectModel, there: Hypothesis) -> float:
+        """Pixels that the rival covers at most at a place: half the area of its hull, seen straight on."""
+        z = float((self.clues.frames[there.support] @ there.T_support_model[:, 3])[2]) - max(size_of(rival.shape)) / 2
+        fx, fy, _, _ = self.scene.view.pinhole
+        return hull_area(solid_of(rival.shape, coarse=True)) / 2 * fx * fy / max(z, 0.1) ** 2
 
     def _candidates_of_rival(self, rival: ObjectModel, model: ObjectModel, candidate: Candidate) -> list[Candidate]:
         """Candidates of a rival: all where many types are asked for, else those where the candidate is."""
@@ -453,8 +469,18 @@ def _apart(T_a: NDArray[np.float64], T_b: NDArray[np.float64]) -> NDArray[np.flo
 
 def _explains_better(one: Candidate, other: Candidate) -> bool:
     """True where one may be there and explains clearly more pixels than the other."""
-    gain = (one.evidence.match - 2 * one.evidence.through) - (other.evidence.match - 2 * other.evidence.through)
-    return one.probability > ACCEPTED and gain > 0.1 * other.evidence.match
+    return one.probability > ACCEPTED and _net(one) - _net(other) > TAKEN * other.evidence.match
+
+
+def _net(candidate: Candidate) -> float:
+    """Pixels that it explains, less those that speak against it."""
+    return candidate.evidence.match - 2 * candidate.evidence.through
+
+
+def _is_clear(candidate: Candidate) -> bool:
+    """True where the outline is seen nearly all around and says yes: nothing larger is there."""
+    evidence = candidate.evidence
+    return candidate.probability > CLEAR and evidence.outlined > CLEAR and evidence.outline > CLEAR
 
 
 def _is_cut(evidence: Evidence) -> bool:

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from zsight_core.solid import Solid
 
-__all__ = ["shared"]
+__all__ = ["hull_area", "shared"]
 
 GRID = 6
 """Points along each side of the box around a solid at which its inside is sampled."""
@@ -27,6 +27,8 @@ class _Hull(NamedTuple):
     """(N, 3) points inside, metres, model frame."""
     radius: float
     """Metres from the origin to the farthest vertex."""
+    area: float
+    """Square metres."""
 
 
 def shared(a: Solid, T_a: NDArray[np.float64], b: Solid, T_b: NDArray[np.float64]) -> float:
@@ -46,6 +48,11 @@ def shared(a: Solid, T_a: NDArray[np.float64], b: Solid, T_b: NDArray[np.float64
     return max(_share_inside(hull_a, hull_b, T_b_a), _share_inside(hull_b, hull_a, inverse(T_b_a)))
 
 
+def hull_area(solid: Solid) -> float:
+    """Square metres of the convex hull's surface; seen from anywhere it covers at most half of that."""
+    return _hull(solid.vertices.tobytes()).area
+
+
 def _share_inside(one: _Hull, other: _Hull, T_other_one: NDArray[np.float64]) -> float:
     points = one.inside @ T_other_one[:3, :3].T + T_other_one[:3, 3]
     return float((points @ other.sides[:, :3].T + other.sides[:, 3] <= 0).all(axis=1).mean())
@@ -56,9 +63,10 @@ def _hull(vertices: bytes) -> _Hull:
     from scipy.spatial import ConvexHull
 
     corners = np.frombuffer(vertices).reshape(-1, 3)
-    sides = np.unique(ConvexHull(corners).equations.round(9), axis=0)
+    hull = ConvexHull(corners)
+    sides = np.unique(hull.equations.round(9), axis=0)
     low, high = corners.min(axis=0), corners.max(axis=0)
     steps = (np.arange(GRID) + 0.5) / GRID
     grid = low + (high - low) * np.stack(np.meshgrid(steps, steps, steps), axis=-1).reshape(-1, 3)
     inside = grid[(grid @ sides[:, :3].T + sides[:, 3] <= 0).all(axis=1)]
-    return _Hull(sides, inside, float(np.linalg.norm(corners, axis=1).max()))
+    return _Hull(sides, inside, float(np.linalg.norm(corners, axis=1).max()), float(hull.area))

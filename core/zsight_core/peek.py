@@ -18,8 +18,14 @@ SLACK = 0.012
 FEWEST = 4
 """Points that must be there."""
 
-PEEKED = 0.25
-"""Share of the points that must be there, less twice those that are seen through."""
+SEEN_THROUGH = 1.0
+"""Weight of a point that is seen through over one that is there."""
+
+WORTH_A_CLIMB = 0.05
+"""Least share of points that are there, less those that are seen through, before the climb."""
+
+PEEKED = 0.35
+"""The same after it."""
 
 FIRST_STEP, FIRST_TURN = 0.005, float(np.radians(2.5))
 """Metres and radians of the first steps of a climb; the last ones are half of them."""
@@ -63,7 +69,7 @@ def best_places(  # noqa: C901  one compiled loop; splitting it would pass a doz
     kept, heights = np.empty((most, 3)), np.empty(most)
     count = 0
     for i in order:
-        if scores[i] < PEEKED / 2:
+        if scores[i] < WORTH_A_CLIMB:
             break
         place, score = places[i].copy(), scores[i]
         step = 1.0
@@ -104,7 +110,7 @@ def _peek(
     base: float,
     noise: float,
 ) -> float:
-    """Share of the facing points of the model that are there, less twice those seen through, at a place (3,)."""
+    """Share of the facing points of the model that are there, less those seen through, at a place (3,)."""
     fx, fy, cx, cy = pinhole
     height, width = depth.shape
     T = T_optical_support
@@ -132,7 +138,7 @@ def _peek(
             there += 1
             score += 1 - 0.5 * off * off
         elif off > 0:
-            score -= 2
+            score -= SEEN_THROUGH
     return score / facing if there >= FEWEST else -2.0
 
 
