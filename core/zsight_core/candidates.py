@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
+from numba import njit
 
 from zsight_core import refine, verify
 from zsight_core.clues import Clues, Hypothesis, clues_of
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
     from zsight_core.scene import Checkpoint, Scene
     from zsight_core.verify import Evidence
 
-__all__ = ["Candidate", "Candidates", "Counts", "Trials", "near", "rank_of"]
+__all__ = ["Candidate", "Candidates", "Counts", "Trials", "near", "rank_of", "warm_up"]
 
 ON_SURFACE, ON_TOP, ON_NOTHING = 2e-5, 0.0015, 0.004
 """Metres by which the height of a foot may be off on the surface, on a top that is seen, and on what is not seen."""
@@ -140,7 +141,8 @@ class Candidates:
         guesses = hypotheses(model.shape, clues)
         best = self._most_promising(model, guesses)
         solid = solid_of(model.shape)
-        rough = self._fitted(solid if isinstance(model.shape, Mesh) else solid_of(model.shape, coarse=True), best, pixels=300, steps=ROUGH_STEPS, look=800)
+        first = solid if isinstance(model.shape, Mesh) else solid_of(model.shape, coarse=True)
+        rough = self._fitted(first, best, pixels=300, steps=ROUGH_STEPS, look=800)
         rough = [candidate for candidate in rough if logit_of(candidate.evidence) > LIKELY]
         chosen = _best_few_of_each_place(rough, min(size_of(model.shape)))
         tried = self._fitted(solid, chosen, pixels=900, steps=8, look=4000)
@@ -252,29 +254,72 @@ def _promise(evidence: Evidence) -> float:
 
 def _best_of_each_place(guesses: list[tuple[float, Hypothesis]], reach: float) -> list[Hypothesis]:
     """The first few of each place, best first, without near repetitions; at most ROUGHLY_FITTED."""
-    kept: list[tuple[float, Hypothesis]] = []
-    for promise, guess in guesses:
-        there = [(best, other) for best, other in kept if near(guess, other, 0.6 * reach, 181.0)]
-        if len(there) == A_PLACE or (there and promise < there[0][0] - BEHIND):
-            continue
-        if not any(near(guess, other, 0.004, 5.0) for _, other in there):
-            kept.append((promise, guess))
-        if len(kept) == ROUGHLY_FITTED:
-            break
-    return [guess for _, guess in kept]
+    chosen = _few_of_each_place(guesses, 0.6 * reach, A_PLACE, BEHIND, 0.004, 5.0)
+    return [guesses[k][1] for k in chosen[:ROUGHLY_FITTED]]
 
 
 def _best_few_of_each_place(candidates: list[Candidate], reach: float) -> list[Hypothesis]:
     """Hypotheses of the best rough fits of each place, best first, without repetitions."""
-    kept: list[tuple[float, Hypothesis]] = []
-    for candidate in _ranked(candidates):
-        rank, guess = rank_of(candidate), candidate.hypothesis
-        there = [(best, other) for best, other in kept if near(guess, other, 0.6 * reach, 181.0)]
-        if len(there) == WELL_FITTED or (there and rank < there[0][0] - RANKED_BEHIND):
-            continue
-        if not any(near(guess, other, 0.002, 3.0) for _, other in there):
-            kept.append((rank, guess))
-    return [guess for _, guess in kept]
+    ranked = [(rank_of(candidate), candidate.hypothesis) for candidate in _ranked(candidates)]
+    chosen = _few_of_each_place(ranked, 0.6 * reach, WELL_FITTED, RANKED_BEHIND, 0.002, 3.0)
+    return [ranked[k][1] for k in chosen]
+
+
+def _few_of_each_place(
+    ranked: list[tuple[float, Hypothesis]],
+    reach: float,
+    here: int,
+    behind: float,
+    metres: float,
+    degrees: float,
+) -> list[int]:
+    """Numbers of those, best first, that are among the first of their place and repeat none of them."""
+    if not ranked:
+        return []
+    ranks = np.array([rank for rank, _ in ranked])
+    poses = np.array([guess.T_support_model[:3] for _, guess in ranked])
+    supports = np.array([guess.support for _, guess in ranked])
+    chosen: list[int] = _choose(
+        ranks, poses, supports, reach, here, behind, metres, np.cos(np.radians(degrees))
+    ).tolist()
+    return chosen
+
+
+@njit(cache=True, nogil=True)
+def _choose(
+    ranks: NDArray[np.float64],
+    poses: NDArray[np.float64],
+    supports: NDArray[np.int64],
+    reach: float,
+    here: int,
+    behind: float,
+    metres: float,
+    cosine: float,
+) -> NDArray[np.int64]:
+    """Numbers (K,) of the poses (N, 3, 4), best first, that are kept."""
+    kept = np.empty(len(ranks), np.int64)
+    count = 0
+    for i in range(len(ranks)):
+        there, again, best = 0, False, -np.inf
+        for q in range(count):
+            k = kept[q]
+            square = 0.0
+            for a in range(3):
+                square += (poses[i, a, 3] - poses[k, a, 3]) ** 2
+            if supports[i] != supports[k] or square > reach * reach:
+                continue
+            best = ranks[k] if there == 0 else best
+            there += 1
+            if square < metres * metres:
+                trace = 0.0
+                for a in range(3):
+                    for b in range(3):
+                        trace += poses[i, a, b] * poses[k, a, b]
+                again = again or (trace - 1) / 2 > cosine
+        if there < here and not again and not ranks[i] < best - behind:
+            kept[count] = i
+            count += 1
+    return kept[:count]
 
 
 def _one_a_place(candidates: list[Candidate], solid: Solid) -> list[Candidate]:
@@ -295,3 +340,8 @@ def _ranked(candidates: list[Candidate]) -> list[Candidate]:
     """Best first."""
     order = sorted(range(len(candidates)), key=lambda k: (-rank_of(candidates[k]), k))
     return [candidates[k] for k in order]
+
+
+def warm_up() -> None:
+    """Compile the kernels (or load them from their cache)."""
+    _choose(np.zeros(1), np.zeros((1, 3, 4)), np.zeros(1, np.int64), 0.1, 1, 1.0, 0.1, 0.5)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from zsight_core import bits, contour, peek, refine, render, verify
+from zsight_core import bits, candidates, contour, peek, refine, render, verify
 from zsight_core import scene as scene_stage
 from zsight_core.candidates import DOUBTFUL, ROOM_SHARED, Candidate, Candidates, Trials, near, rank_of
 from zsight_core.errors import ModelError
@@ -185,7 +185,7 @@ def find(
 def warm_up() -> None:
     """Compile all kernels of the finder (or load them from their cache)."""
     scene_stage.warm_up()
-    for module in (render, contour, refine, verify, bits, votes, peek):
+    for module in (render, contour, refine, verify, bits, votes, peek, candidates):
         module.warm_up()
     import scipy.spatial  # noqa: F401  it takes a tenth of a second, which the first query should not wait for
 

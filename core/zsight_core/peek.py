@@ -15,6 +15,9 @@ __all__ = ["best_places", "warm_up"]
 SLACK = 0.012
 """Metres in depth, besides three standard deviations of noise, within which a point is there."""
 
+STRIDE = 2
+"""Every so many points are looked at before and while climbing."""
+
 FEWEST = 4
 """Points that must be there."""
 
@@ -64,7 +67,7 @@ def best_places(  # noqa: C901  one compiled loop; splitting it would pass a doz
     """
     scores = np.empty(len(places))
     for i in range(len(places)):
-        scores[i] = _peek(depth, pinhole, T_optical_support, points, normals, places[i], base, noise)
+        scores[i] = _peek(depth, pinhole, T_optical_support, points, normals, places[i], base, noise, STRIDE)
     order = np.argsort(-scores, kind="mergesort")[:most]
     kept, heights = np.empty((most, 3)), np.empty(most)
     count = 0
@@ -79,12 +82,12 @@ def best_places(  # noqa: C901  one compiled loop; splitting it would pass a doz
                 for sign in (-1.0, 1.0):
                     trial = place.copy()
                     trial[axis] += sign * step * (FIRST_STEP if axis < 2 else FIRST_TURN)
-                    reached = _peek(depth, pinhole, T_optical_support, points, normals, trial, base, noise)
+                    reached = _peek(depth, pinhole, T_optical_support, points, normals, trial, base, noise, STRIDE)
                     if reached > score:
                         place, score, better = trial, reached, True
             if not better or step < 1:
                 step /= 2
-        if score < PEEKED:
+        if _peek(depth, pinhole, T_optical_support, points, normals, place, base, noise, 1) < PEEKED:
             continue
         again = False
         for q in range(count):
@@ -109,6 +112,7 @@ def _peek(
     place: NDArray[np.float64],
     base: float,
     noise: float,
+    stride: int,
 ) -> float:
     """Share of the facing points of the model that are there, less those seen through, at a place (3,)."""
     fx, fy, cx, cy = pinhole
@@ -116,7 +120,7 @@ def _peek(
     T = T_optical_support
     c, s = np.cos(place[2]), np.sin(place[2])
     facing, there, score = 0, 0, 0.0
-    for k in range(len(points)):
+    for k in range(0, len(points), stride):
         x = c * points[k, 0] - s * points[k, 1] + place[0]
         y = s * points[k, 0] + c * points[k, 1] + place[1]
         z = points[k, 2] + base

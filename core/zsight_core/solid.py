@@ -80,7 +80,7 @@ def _sphere_solid(radius: float, cuts: int) -> Solid:
 
 
 @lru_cache(maxsize=64)
-def _mesh_solid(vertices: bytes, faces: bytes, coarse: bool) -> Solid:  # noqa: FBT001  as cached
+def _mesh_solid(vertices: bytes, faces: bytes, coarse: bool) -> Solid:
     corners = np.frombuffer(vertices).reshape(-1, 3)
     triangles = np.frombuffer(faces, np.int32).reshape(-1, 3)
     corners = corners - (corners.min(axis=0) + corners.max(axis=0)) / 2

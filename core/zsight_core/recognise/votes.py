@@ -48,7 +48,7 @@ LEAST_SHARE = 0.05
 PEAKS = 300
 """Places that are peeked at, a pose and stand."""
 
-PROPOSED = 40
+PROPOSED = 30
 """Places proposed, a pose and stand."""
 
 
@@ -144,7 +144,7 @@ def _vote(
 
 
 @njit(cache=True, nogil=True)
-def _peaks(votes: NDArray[np.int16]) -> NDArray[np.float64]:
+def _peaks(votes: NDArray[np.int16]) -> NDArray[np.float64]:  # noqa: C901  one compiled loop
     """Column, row and yaw (N, 3), in cells, of the places with most votes in and around them, best first."""
     yaws, rows, columns = votes.shape
     turn = 1 if yaws > 1 else 0
@@ -155,7 +155,9 @@ def _peaks(votes: NDArray[np.int16]) -> NDArray[np.float64]:
     for i in range(len(strong)):
         y, r, c = strong[i, 0], strong[i, 1], strong[i, 2]
         for dy in range(-turn, turn + 1):
-            sums[i] += votes[(y + dy) % yaws, r - 1 : r + 2, c - 1 : c + 2].sum()
+            layer = votes[(y + dy) % yaws]
+            for dr in range(-1, 2):
+                sums[i] += layer[r + dr, c - 1] + layer[r + dr, c] + layer[r + dr, c + 1]
     taken = np.zeros(votes.shape, np.bool_)
     found = np.empty((PEAKS, 3))
     count = 0
@@ -165,14 +167,16 @@ def _peaks(votes: NDArray[np.int16]) -> NDArray[np.float64]:
             break
         if taken[y, r, c]:
             continue
-        middle = np.zeros(3)
+        sx, sy, turned = 0.0, 0.0, 0.0
         for dy in range(-turn, turn + 1):
             for dr in range(-1, 2):
                 for dc in range(-1, 2):
                     share = votes[(y + dy) % yaws, r + dr, c + dc] / sums[i]
-                    middle += share * np.array([dc, dr, dy])
-        found[count] = np.array([c, r, y]) + middle
+                    sx, sy, turned = sx + share * dc, sy + share * dr, turned + share * dy
+        found[count, 0], found[count, 1], found[count, 2] = c + sx, r + sy, y + turned
         count += 1
         for dy in range(-2 * turn, 2 * turn + 1):
-            taken[(y + dy) % yaws, max(0, r - 2) : r + 3, max(0, c - 2) : c + 3] = True
+            for dr in range(max(0, r - 2), min(rows, r + 3)):
+                for dc in range(max(0, c - 2), min(columns, c + 3)):
+                    taken[(y + dy) % yaws, dr, dc] = True
     return found[:count]
