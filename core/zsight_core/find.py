@@ -48,7 +48,7 @@ EQUIVALENT = 1.0
 SAME_SURFACE = 0.005
 """Metres within which two poses put the surface at one place, as the symmetries of a shape do."""
 
-NOISE_SHARED = 4.5
+NOISE_SHARED = 6.5
 """Pixels and outline samples that share one error: depth is rounded, and neighbours are smoothed by the sensor."""
 
 ACCEPTED = 0.5
