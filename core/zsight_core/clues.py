@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from zsight_core.scene import Scene
     from zsight_core.wholes import Cells
 
-__all__ = ["Clues", "Hypothesis", "Piece", "Stand", "clues_of"]
+__all__ = ["Clues", "Hypothesis", "Layer", "Piece", "Stand", "clues_of"]
 
 LEVEL = float(np.cos(np.radians(14.0)))
 """A patch whose mean normal is this near to up is flat: a top that may carry things."""
@@ -69,6 +69,17 @@ class Piece(NamedTuple):
     support: int
 
 
+class Layer(NamedTuple):
+    """A level patch: a top, or what is seen of it."""
+
+    points: NDArray[np.float64]
+    """(N, 3) metres in the support's frame."""
+    segment: int
+    """Label of the segment it is of, 0 for none."""
+    height: float
+    """Metres over the surface."""
+
+
 class Top(NamedTuple):
     """Where a patch reaches its height."""
 
@@ -112,6 +123,8 @@ class Clues:
     crests: list[Top]
     """Highest places of all patches, each once."""
     segments: list[Piece]
+    layers: list[Layer]
+    """All level patches."""
     depth: NDArray[np.float32]
     """(H, W) metres; 0 where nothing was measured."""
     pinhole: tuple[float, float, float, float]
@@ -167,14 +180,14 @@ def _collect(scene: Scene) -> Clues:
     z = depth[cells.row, cells.column].astype(np.float64)
     grid = np.full(scene.patches.label.shape, -1, np.int32)
     grid[cells.row, cells.column] = np.arange(len(cells.row), dtype=np.int32)
-    tops, crests = _tops(cells)
     T_optical_cloud = inverse(view.T_cloud_optical)
     return Clues(
         bits=bits_of(cells, grid, depth, HEIGHT_GATE + 2.5 * scene.noise * z * z),
         surfaces=[_occupied(cells, k) for k in range(len(scene.supports)) if (cells.support == k).any()],
-        carriers=[Stand(*top, seen=True) for top in tops if _carries(cells, top)],
-        crests=crests,
+        carriers=[Stand(*top, seen=True) for top in _tops(cells) if _carries(cells, top)],
+        crests=_crests(cells),
         segments=_segments(cells, scene.owner),
+        layers=_layers(cells, scene.owner),
         depth=view.depth,
         pinhole=view.pinhole,
         noise=scene.noise,
@@ -182,24 +195,51 @@ def _collect(scene: Scene) -> Clues:
     )
 
 
-def _tops(cells: Cells) -> tuple[list[Top], list[Top]]:
-    """Level patches, and the crests of all patches without repetitions."""
-    tops: list[Top] = []
+def _patches(cells: Cells) -> list[slice]:
+    """Cells of each patch."""
+    return [slice(cells.start[k], cells.start[k + 1]) for k in range(len(cells.start) - 1)]
+
+
+def _is_level(cells: Cells, patch: slice) -> bool:
+    normal = cells.normals[patch].sum(axis=0)
+    return bool(normal[2] > LEVEL * max(float(np.linalg.norm(normal)), 1e-9))
+
+
+def _layers(cells: Cells, owner: NDArray[np.int32]) -> list[Layer]:
+    """Level patches."""
+    return [
+        Layer(points, int(owner[k]), float(np.sort(points[:, 2])[len(points) // 2]))
+        for k, patch in enumerate(_patches(cells))
+        if len(points := cells.points[patch]) and _is_level(cells, patch)
+    ]
+
+
+def _tops(cells: Cells) -> list[Top]:
+    """Level patches that are large and high enough to carry something."""
+    tops = [_top(cells, patch, 0.5) for patch in _patches(cells) if _is_large(patch) and _is_level(cells, patch)]
+    return [top for top in tops if top.height > LOWEST_CARRIER]
+
+
+def _crests(cells: Cells) -> list[Top]:
+    """Where large patches reach their height, each place once."""
     crests: list[Top] = []
-    for k in range(len(cells.start) - 1):
-        members = slice(cells.start[k], cells.start[k + 1])
-        points = cells.points[members]
-        if len(points) < SMALLEST_TOP:
-            continue
-        heights = np.sort(points[:, 2])
-        corners = points[:, :2].min(axis=0), points[:, :2].max(axis=0), int(cells.support[members][0])
-        normal = cells.normals[members].sum(axis=0)
-        is_level = normal[2] > LEVEL * max(float(np.linalg.norm(normal)), 1e-9)
-        crest = Top(float(heights[len(heights) // 2 if is_level else int(0.95 * (len(heights) - 1))]), *corners)
-        tops += [crest] if is_level and crest.height > LOWEST_CARRIER else []
-        if not any(abs(crest.height - other.height) < ONE_HEIGHT and crest.overlaps(other) for other in crests):
-            crests.append(crest)
-    return tops, crests
+    for patch in _patches(cells):
+        if _is_large(patch):
+            crest = _top(cells, patch, 0.5 if _is_level(cells, patch) else 0.95)
+            if not any(abs(crest.height - other.height) < ONE_HEIGHT and crest.overlaps(other) for other in crests):
+                crests.append(crest)
+    return crests
+
+
+def _is_large(patch: slice) -> bool:
+    return bool(patch.stop - patch.start >= SMALLEST_TOP)
+
+
+def _top(cells: Cells, patch: slice, share: float) -> Top:
+    """Where a patch is, with the height that this share of its cells does not exceed."""
+    points = cells.points[patch]
+    height = float(np.sort(points[:, 2])[int(share * (len(points) - 1))])
+    return Top(height, points[:, :2].min(axis=0), points[:, :2].max(axis=0), int(cells.support[patch][0]))
 
 
 def _occupied(cells: Cells, support: int) -> Stand:

@@ -278,8 +278,8 @@ def _footprint_of(scene: Scene, segment: Segment, target: _Target) -> _Footprint
         area = float(np.prod(high - low))
         if area < best[0]:
             best = (area, float(yaw), R @ (low + high) / 2, (float(high[0] - low[0]), float(high[1] - low[1])))
-    tops = [piece for piece in clues_of(scene).pieces if piece.segment == segment.label and piece.is_level]
-    top = max(tops, key=lambda piece: len(piece.points), default=None)
+    tops = [layer for layer in clues_of(scene).layers if layer.segment == segment.label]
+    top = max(tops, key=lambda layer: len(layer.points), default=None)
     tall = top.height if top is not None else float(np.quantile(target.points[:, 2], 0.985))
     _, yaw, middle, (along, across) = best
     if along < across:

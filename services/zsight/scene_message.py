@@ -107,14 +107,10 @@ def _layers(segment: Segment, clues: Clues) -> tuple[message.HeightLayer, ...]:
     """Level tops of a segment, the lowest first."""
     from zsight_core.support import outline_of
 
-    tops = [
-        piece
-        for piece in clues.pieces
-        if piece.segment == segment.label and piece.is_level and len(piece.points) >= _SMALLEST_LAYER
-    ]
+    tops = [layer for layer in clues.layers if layer.segment == segment.label and len(layer.points) >= _SMALLEST_LAYER]
     return tuple(
-        message.HeightLayer(height=piece.height, outline=_corners(outline_of(piece.points[:, :2])))
-        for piece in sorted(tops, key=lambda piece: piece.height)
+        message.HeightLayer(height=layer.height, outline=_corners(outline_of(layer.points[:, :2])))
+        for layer in sorted(tops, key=lambda layer: layer.height)
     )
 
 
