@@ -25,7 +25,8 @@ if TYPE_CHECKING:
     from zsight_core.scene import Scene
 
 Z = book.TABLE_HEIGHT
-NEAR = 0.012
+NEAR = 0.02
+"""Metres that a surface proposed is off at most: some 10 mm and 10 degrees are what a fit makes up for."""
 TEA_BOX = ObjectModel("tea_box", Box((0.075, 0.13, 0.065)))
 WEDGE = Mesh(  # a ramp, 80 mm long, 50 wide, 60 high at one end
     np.array([[0, 0, 0], [80, 0, 0], [80, 50, 0], [0, 50, 0], [80, 0, 60], [80, 50, 60]]) / 1000 - [0.04, 0.025, 0.03],
