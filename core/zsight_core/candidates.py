@@ -32,7 +32,7 @@ __all__ = ["Candidate", "Candidates", "Counts", "Trials", "near", "rank_of", "wa
 ON_SURFACE, ON_TOP, ON_NOTHING = 2e-5, 0.0015, 0.004
 """Metres by which the height of a foot may be off on the surface, on a top that is seen, and on what is not seen."""
 
-HANDICAP = 1.9
+HANDICAP = 1.5
 """Logarithm of odds that something has to make up for when nothing is seen that it could stand on."""
 
 QUICK_PIXELS = 200
