@@ -1,14 +1,14 @@
-"""What recognisers look at: the smooth pieces of a scene in the frame of the surface they stand over."""
+"""What recognisers look at: oriented bits of a scene, and the places on which something may stand."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from numba import njit
 
+from zsight_core.bits import Bits, bits_of
 from zsight_core.transform import inverse
 
 if TYPE_CHECKING:
@@ -17,19 +17,19 @@ if TYPE_CHECKING:
     from zsight_core.scene import Scene
     from zsight_core.wholes import Cells
 
-__all__ = ["Clues", "Hypothesis", "Layer", "Piece", "clues_of", "ends_of", "warm_up"]
+__all__ = ["Clues", "Hypothesis", "Layer", "Piece", "Stand", "clues_of"]
 
 LEVEL = float(np.cos(np.radians(14.0)))
-"""A piece whose mean normal is this near to up is flat: a top that may carry things."""
-
-STEEP = 0.5
-"""Upward part of the normal below which a cell cannot be of a top."""
+"""A patch whose mean normal is this near to up is flat: a top that may carry things."""
 
 HEIGHT_GATE = 0.004
-"""Metres, besides two and a half standard deviations of depth, that a top may lie from where the shape says."""
+"""Metres, besides two and a half standard deviations of depth, by which cells of one top may differ in height."""
 
 SMALLEST_TOP = 20
-"""Cells of a level piece that something may stand on."""
+"""Cells of a patch that something may stand on, or that may be of something that stands on what is not seen."""
+
+LOWEST_CARRIER = 0.01
+"""Metres over a surface from which a top may carry something."""
 
 UNSEEN = 0.02
 """Metres over a surface from which something may stand on what is not seen."""
@@ -37,11 +37,11 @@ UNSEEN = 0.02
 LOWEST_UNSEEN = 0.04
 """Metres; lower things show too little of their sides to tell what they stand on when that is not seen."""
 
-REACH = 0.025
-"""Metres along each axis between cells of one layer or clump that are neighbours in the image."""
+ONE_HEIGHT = 0.006
+"""Metres within which two heights are one."""
 
-SMALLEST_LAYER = 5
-"""Cells."""
+AROUND = 0.01
+"""Metres beyond a place that still count as of it."""
 
 
 class Hypothesis(NamedTuple):
@@ -59,236 +59,208 @@ class Hypothesis(NamedTuple):
     """False where nothing is seen that it could stand on: its own lower edges must then be seen."""
 
 
-@dataclass(frozen=True, eq=False)
-class Piece:
-    """A smooth piece of surface, or all of a segment."""
+class Piece(NamedTuple):
+    """All of a segment."""
 
     points: NDArray[np.float64]
     """(N, 3) metres in the support's frame."""
-    normals: NDArray[np.float64]
-    """(N, 3) unit, toward the camera, in the support's frame; zeros where unknown."""
-    normal: NDArray[np.float64]
-    """(3,) mean."""
     segment: int
-    """Label of the segment, 0 for none."""
+    """Its label."""
     support: int
-    height: float
-    """Metres: median of its points' heights."""
-
-    @property
-    def is_level(self) -> bool:
-        """True for a top."""
-        return bool(self.normal[2] > LEVEL)
 
 
 class Layer(NamedTuple):
-    """Cells that hang together and lie at one height: a top, or what is seen of it."""
+    """A level patch: a top, or what is seen of it."""
 
-    xy: NDArray[np.float64]
-    """(N, 2) metres in the support's frame."""
+    points: NDArray[np.float64]
+    """(N, 3) metres in the support's frame."""
+    segment: int
+    """Label of the segment it is of, 0 for none."""
+    height: float
+    """Metres over the surface."""
+
+
+class Top(NamedTuple):
+    """Where a patch reaches its height."""
+
+    height: float
+    """Metres over the surface."""
+    low: NDArray[np.float64]
+    """(2,) low corner of what is seen of it, x and y, support's frame, metres."""
+    high: NDArray[np.float64]
+    """(2,)"""
     support: int
+
+    def overlaps(self, other: Top | Stand) -> bool:
+        """True where both are over one place."""
+        apart = (self.low >= other.high + AROUND) | (self.high <= other.low - AROUND)
+        return self.support == other.support and not apart.any()
+
+
+class Stand(NamedTuple):
+    """A level place on which something may stand."""
+
+    base: float
+    """Height over the surface, metres."""
+    low: NDArray[np.float64]
+    """(2,) low corner of what is seen of it, x and y, support's frame, metres."""
+    high: NDArray[np.float64]
+    """(2,)"""
+    support: int
+    seen: bool
+    """False where only what stands on it is seen."""
 
 
 @dataclass(frozen=True, eq=False)
 class Clues:
-    """All pieces of a scene, and its segments as pieces."""
+    """What there is to see in a scene, or in a part of it."""
 
-    cells: Cells
-    grid: NDArray[np.int32]
-    """(R, C) number of the cell at each place of the image, or -1."""
-    pieces: list[Piece]
+    bits: Bits
+    surfaces: list[Stand]
+    """The support surfaces where something stands on them."""
+    carriers: list[Stand]
+    """Level tops above which something is seen."""
+    crests: list[Top]
+    """Highest places of all patches, each once."""
     segments: list[Piece]
-    clumps: list[Piece]
-    """Groups of segments that touch: a concave thing is parted like two things."""
-    eyes: list[NDArray[np.float64]]
-    """Per support the camera's place (3,), metres, in the support's frame."""
-    gates: NDArray[np.float64]
-    """(N,) metres; how far each cell may lie from the height a shape says."""
-    tops: list[tuple[float, NDArray[np.float64], NDArray[np.float64], int]]
-    """Height, low and high corner (2,) and support of each level piece that may carry something."""
-    levels: list[list[float]]
-    """Per support the heights on which something may stand."""
+    layers: list[Layer]
+    """All level patches."""
+    depth: NDArray[np.float32]
+    """(H, W) metres; 0 where nothing was measured."""
+    pinhole: tuple[float, float, float, float]
+    noise: float
+    """Standard deviation of 1 / z, 1/m."""
+    frames: list[NDArray[np.float64]]
+    """T_optical_support (4, 4) of each support."""
 
-    def bases(self, support: int) -> list[float]:
-        """Heights over a surface on which something may stand: the surface itself and level tops, 4 mm apart."""
-        return self.levels[support]
-
-    def tops_of(self, tall: float, support: int) -> list[tuple[float, bool]]:
-        """Heights over a surface on which something this tall may stand, and whether what carries it is seen.
-
-        Besides the surface and level tops that is what lies the object's own height below any level piece.
-        """
-        known = [(base, True) for base in self.levels[support]]
-        if tall < LOWEST_UNSEEN:
-            return known
-        for piece in self.pieces:
-            base = piece.height - tall
-            if piece.is_level and piece.support == support and base > UNSEEN and len(piece.points) >= 8:
-                known += [] if any(abs(base - other) < 0.006 for other, _ in known) else [(base, False)]
-        return known
-
-    def layers(self, height: float, support: int) -> list[Layer]:
-        """What lies at a height over a surface, metres, without what is steep, in connected pieces."""
-        cells = self.cells
-        number = _layers(
-            cells.row, cells.column, cells.points, cells.normals, cells.support, self.gates, self.grid, height, support
+    def near(self, place: NDArray[np.float64], reach: float, support: int) -> Clues:
+        """What is within reach, metres, of a place (2,) over a support."""
+        low, high = place - reach, place + reach
+        here = Top(0.0, low, high, support)
+        near = ((self.bits.points[:, :2] > low) & (self.bits.points[:, :2] < high)).all(axis=1)
+        near &= self.bits.support == support
+        return replace(
+            self,
+            bits=Bits(*(column[near] for column in self.bits)),
+            surfaces=[
+                stand._replace(low=np.maximum(stand.low, low), high=np.minimum(stand.high, high))
+                for stand in self.surfaces
+                if here.overlaps(stand)
+            ],
+            carriers=[stand for stand in self.carriers if here.overlaps(stand)],
+            crests=[top for top in self.crests if here.overlaps(top)],
         )
-        order = np.argsort(number, kind="stable")
-        cuts = np.flatnonzero(np.diff(number[order])) + 1
-        groups = np.split(order, cuts)
-        return [
-            Layer(np.ascontiguousarray(cells.points[members, :2]), support)
-            for members in groups
-            if len(members) >= SMALLEST_LAYER and number[members[0]] >= 0
-        ]
 
-    def supports(self) -> range:
-        """Numbers of the surfaces."""
-        return range(len(self.eyes))
-
-    def is_carried(self, xy: NDArray[np.float64], reach: float, base: float, support: int) -> bool:
-        """True where something at this height is seen within reach of a place (2,), or the base is the surface."""
-        if base == 0:
-            return True
-        for height, low, high, over in self.tops:
-            near = (xy > low - reach).all() and (xy < high + reach).all()
-            if over == support and abs(height - base) < 0.006 and near:
-                return True
-        return False
+    def stands(self, tall: float) -> list[Stand]:
+        """Where something this tall may stand: surfaces, level tops, and its own height below what is seen."""
+        found = [*self.surfaces, *self.carriers]
+        if tall < LOWEST_UNSEEN:
+            return found
+        for top in self.crests:
+            base = top.height - tall
+            if base > UNSEEN and not any(abs(base - s.base) < ONE_HEIGHT and top.overlaps(s) for s in found):
+                found.append(Stand(base, top.low, top.high, top.support, seen=False))
+        return found
 
 
 _known: WeakKeyDictionary[Scene, Clues] = WeakKeyDictionary()
 
 
 def clues_of(scene: Scene) -> Clues:
-    """Collect the pieces of a scene, once."""
+    """Collect the clues of a scene, once."""
     clues = _known.get(scene)
     if clues is None:
         clues = _known[scene] = _collect(scene)
     return clues
 
 
-def ends_of(values: NDArray[np.float64], share: float) -> tuple[float, float]:
-    """Values (N,) that leave this share below and above."""
-    ordered = np.sort(values)
-    skip = int(share * (len(ordered) - 1) + 0.5)
-    return float(ordered[skip]), float(ordered[-1 - skip])
-
-
 def _collect(scene: Scene) -> Clues:
-    cells, view = scene.cells, scene.view
-    T_optical_cloud = inverse(view.T_cloud_optical)
-    frames = [inverse(T_optical_cloud @ s.T_camera_support) for s in scene.supports]
-    pieces: list[Piece] = []
-    grouped: dict[int, list[NDArray[np.int64]]] = {}
-    for k in range(len(cells.start) - 1):
-        members = np.arange(cells.start[k], cells.start[k + 1])
-        segment = int(scene.owner[k])
-        pieces.append(_piece(cells, members, segment))
-        grouped.setdefault(segment, []).append(members)
-    segments = [_piece(cells, np.concatenate(m), segment) for segment, m in sorted(grouped.items()) if segment >= 2]
+    cells, view, step = scene.cells, scene.view, scene.patches.step
+    depth = np.ascontiguousarray(view.depth[::step, ::step])
+    z = depth[cells.row, cells.column].astype(np.float64)
     grid = np.full(scene.patches.label.shape, -1, np.int32)
     grid[cells.row, cells.column] = np.arange(len(cells.row), dtype=np.int32)
-    z = view.depth[cells.row * scene.patches.step, cells.column * scene.patches.step].astype(np.float64)
-    gates = HEIGHT_GATE + 2.5 * scene.noise * z * z
-    tops = [
-        (piece.height, piece.points[:, :2].min(axis=0), piece.points[:, :2].max(axis=0), piece.support)
-        for piece in sorted(pieces, key=lambda piece: piece.height)
-        if piece.is_level and len(piece.points) >= SMALLEST_TOP
-    ]
-    levels = [[0.0] for _ in frames]
-    for height, _, _, support in tops:
-        if height > levels[support][-1] + 0.004:
-            levels[support].append(height)
-    clumps = _clumps(cells, grid, scene.owner)
-    eyes = [T[:3, 3] for T in frames]
-    return Clues(cells, grid, pieces, segments, clumps, eyes, gates, tops, levels)
-
-
-def warm_up() -> None:
-    """Compile the kernels (or load them from their cache)."""
-    place, points, grid = np.zeros(1, np.int64), np.zeros((1, 3)), np.zeros((1, 1), np.int32)
-    _connect(place, place, points, np.full(1, -1, np.int32), grid)
-    _layers(place, place, points, points, np.zeros(1, np.int8), np.ones(1), grid, 0.0, 0)
-
-
-def _clumps(cells: Cells, grid: NDArray[np.int32], owner: NDArray[np.int32]) -> list[Piece]:
-    """Groups of at least two segments whose cells touch."""
-    segment = owner[np.repeat(np.arange(len(cells.start) - 1), np.diff(cells.start))].astype(np.int32)
-    number = _connect(cells.row, cells.column, cells.points, np.where(segment >= 2, -1, -2).astype(np.int32), grid)
-    order = np.argsort(number, kind="stable")
-    groups = np.split(order, np.flatnonzero(np.diff(number[order])) + 1)
-    return [
-        _piece(cells, members, 0)
-        for members in groups
-        if len(members) and number[members[0]] >= 0 and (segment[members] != segment[members[0]]).any()
-    ]
-
-
-def _piece(cells: Cells, members: NDArray[np.int64], segment: int) -> Piece:
-    points, normals = cells.points[members], cells.normals[members]
-    mean = normals.sum(axis=0)
-    mean /= max(float(np.linalg.norm(mean)), 1e-9)
-    return Piece(
-        points, normals, mean, segment, int(cells.support[members[0]]), float(np.sort(points[:, 2])[len(points) // 2])
+    T_optical_cloud = inverse(view.T_cloud_optical)
+    return Clues(
+        bits=bits_of(cells, grid, depth, HEIGHT_GATE + 2.5 * scene.noise * z * z),
+        surfaces=[_occupied(cells, k) for k in range(len(scene.supports)) if (cells.support == k).any()],
+        carriers=[Stand(*top, seen=True) for top in _tops(cells) if _carries(cells, top)],
+        crests=_crests(cells),
+        segments=_segments(cells, scene.owner),
+        layers=_layers(cells, scene.owner),
+        depth=view.depth,
+        pinhole=view.pinhole,
+        noise=scene.noise,
+        frames=[T_optical_cloud @ support.T_camera_support for support in scene.supports],
     )
 
 
-@njit(cache=True, nogil=True)
-def _connect(
-    row: NDArray[np.int64],
-    column: NDArray[np.int64],
-    points: NDArray[np.float64],
-    number: NDArray[np.int32],
-    grid: NDArray[np.int32],
-) -> NDArray[np.int32]:
-    """Number, in place, connected groups of the cells (N,) that are -1; image neighbours must be near in space."""
-    queue = np.empty(len(row), np.int64)
-    groups = 0
-    for seed in range(len(row)):
-        if number[seed] != -1:
-            continue
-        number[seed] = groups
-        queue[0] = seed
-        head, tail = 0, 1
-        while head < tail:
-            i = queue[head]
-            head += 1
-            for dr in range(-1, 2):
-                for dc in range(-1, 2):
-                    r, c = row[i] + dr, column[i] + dc
-                    if not (0 <= r < grid.shape[0] and 0 <= c < grid.shape[1]):
-                        continue
-                    j = grid[r, c]
-                    if j >= 0 and number[j] == -1:
-                        apart = 0.0
-                        for a in range(3):
-                            apart = max(apart, abs(points[i, a] - points[j, a]))
-                        if apart < REACH:
-                            number[j] = groups
-                            queue[tail] = j
-                            tail += 1
-        groups += 1
-    return number
+def _patches(cells: Cells) -> list[slice]:
+    """Cells of each patch."""
+    return [slice(cells.start[k], cells.start[k + 1]) for k in range(len(cells.start) - 1)]
 
 
-@njit(cache=True, nogil=True)
-def _layers(
-    row: NDArray[np.int64],
-    column: NDArray[np.int64],
-    points: NDArray[np.float64],
-    normals: NDArray[np.float64],
-    over: NDArray[np.int8],
-    gates: NDArray[np.float64],
-    grid: NDArray[np.int32],
-    height: float,
-    support: int,
-) -> NDArray[np.int32]:
-    """Number of the connected layer each cell belongs to (N,), or -1."""
-    count = len(row)
-    number = np.full(count, -2, np.int32)
-    for i in range(count):
-        inside = over[i] == support and abs(points[i, 2] - height) < gates[i]
-        if inside and (normals[i, 2] > STEEP or not normals[i].any()):
-            number[i] = -1
-    return _connect(row, column, points, number, grid)
+def _is_level(cells: Cells, patch: slice) -> bool:
+    normal = cells.normals[patch].sum(axis=0)
+    return bool(normal[2] > LEVEL * max(float(np.linalg.norm(normal)), 1e-9))
+
+
+def _layers(cells: Cells, owner: NDArray[np.int32]) -> list[Layer]:
+    """Level patches."""
+    return [
+        Layer(points, int(owner[k]), float(np.sort(points[:, 2])[len(points) // 2]))
+        for k, patch in enumerate(_patches(cells))
+        if len(points := cells.points[patch]) and _is_level(cells, patch)
+    ]
+
+
+def _tops(cells: Cells) -> list[Top]:
+    """Level patches that are large and high enough to carry something."""
+    tops = [_top(cells, patch, 0.5) for patch in _patches(cells) if _is_large(patch) and _is_level(cells, patch)]
+    return [top for top in tops if top.height > LOWEST_CARRIER]
+
+
+def _crests(cells: Cells) -> list[Top]:
+    """Where large patches reach their height, each place once."""
+    crests: list[Top] = []
+    for patch in _patches(cells):
+        if _is_large(patch):
+            crest = _top(cells, patch, 0.5 if _is_level(cells, patch) else 0.95)
+            if not any(abs(crest.height - other.height) < ONE_HEIGHT and crest.overlaps(other) for other in crests):
+                crests.append(crest)
+    return crests
+
+
+def _is_large(patch: slice) -> bool:
+    return bool(patch.stop - patch.start >= SMALLEST_TOP)
+
+
+def _top(cells: Cells, patch: slice, share: float) -> Top:
+    """Where a patch is, with the height that this share of its cells does not exceed."""
+    points = cells.points[patch]
+    height = float(np.sort(points[:, 2])[int(share * (len(points) - 1))])
+    return Top(height, points[:, :2].min(axis=0), points[:, :2].max(axis=0), int(cells.support[patch][0]))
+
+
+def _occupied(cells: Cells, support: int) -> Stand:
+    """Where something stands over a support surface."""
+    xy = cells.points[cells.support == support, :2]
+    return Stand(0.0, xy.min(axis=0), xy.max(axis=0), support, seen=True)
+
+
+def _carries(cells: Cells, top: Top) -> bool:
+    """True where enough is seen above a top to be something."""
+    xy = cells.points[:, :2]
+    above = (cells.support == top.support) & (cells.points[:, 2] > top.height + ONE_HEIGHT)
+    above &= ((xy > top.low - AROUND) & (xy < top.high + AROUND)).all(axis=1)
+    return int(above.sum()) >= SMALLEST_TOP
+
+
+def _segments(cells: Cells, owner: NDArray[np.int32]) -> list[Piece]:
+    """One piece a segment, in order of labels."""
+    label = np.repeat(owner, np.diff(cells.start))
+    return [
+        Piece(cells.points[members], int(segment), int(cells.support[members[0]]))
+        for segment in np.unique(owner[owner >= 2])
+        if len(members := np.flatnonzero(label == segment))
+    ]

@@ -7,20 +7,21 @@ answer a place. What comes after the hypotheses knows nothing of shapes.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from time import perf_counter
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from zsight_core import clues, contour, refine, render, verify
+from zsight_core import bits, candidates, contour, peek, refine, render, verify
 from zsight_core import scene as scene_stage
-from zsight_core.clues import Clues, Hypothesis, clues_of
+from zsight_core.candidates import DOUBTFUL, ROOM_SHARED, Candidate, Candidates, Trials, near, rank_of
 from zsight_core.errors import ModelError
 from zsight_core.model import ObjectModel, Surface, size_of
-from zsight_core.recognise import box, hypotheses
+from zsight_core.overlap import hull_area, shared
+from zsight_core.recognise import votes
 from zsight_core.recognise.surface import surfaces
 from zsight_core.scene import Checkpoint, Scene, go_on, understand
-from zsight_core.score import logit_of, probability_of
 from zsight_core.solid import Solid, solid_of
 from zsight_core.transform import inverse
 
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from zsight_core.clues import Clues, Hypothesis
     from zsight_core.points import Points
     from zsight_core.scene import Segment
     from zsight_core.verify import Evidence
@@ -37,32 +39,8 @@ __all__ = ["Answer", "Detection", "find", "warm_up"]
 
 Status = Literal["found", "not_found", "cannot_tell"]
 
-ON_SURFACE, ON_TOP, ON_NOTHING = 2e-5, 0.0015, 0.004
-"""Metres by which the height of a foot may be off on the surface, on a top that is seen, and on what is not seen."""
-
-HANDICAP = 1.5
-"""Logarithm of odds that something has to make up for when nothing is seen that it could stand on."""
-
 BOX_MARGIN = 0.01
 """Metres around a detection's box that still count as of it."""
-
-QUICK_PIXELS = 200
-"""Raster of a quick look at a hypothesis."""
-
-LOOKS_AT_ONCE = 200
-"""Quick looks between two checkpoints."""
-
-REFINED = 20
-"""Hypotheses that are refined at most, the best of the quick looks."""
-
-A_PLACE = 6
-"""Hypotheses of one place that are refined at most."""
-
-BEHIND = 0.3
-"""Promise by which a hypothesis may be behind the best of its place and still be refined."""
-
-EXPLAINED = 15.0
-"""Logarithm of odds that a pose gains by explaining e times the pixels of another one."""
 
 EQUIVALENT = 1.0
 """Logarithm of odds within which two poses fit what is seen equally well."""
@@ -70,14 +48,17 @@ EQUIVALENT = 1.0
 SAME_SURFACE = 0.005
 """Metres within which two poses put the surface at one place, as the symmetries of a shape do."""
 
-NOISE_SHARED = 4.5
+NOISE_SHARED = 6.5
 """Pixels and outline samples that share one error: depth is rounded, and neighbours are smoothed by the sensor."""
 
 ACCEPTED = 0.5
 """Probability from which a candidate is reported."""
 
-DOUBTFUL = 0.15
-"""Probability from which a candidate that is hidden or cut makes the answer cannot_tell."""
+TAKEN = 0.1
+"""Share of its pixels by which a rival must explain more than a candidate to take its place."""
+
+CLEAR = 0.97
+"""Probability, and shares of the outline that are seen and that say yes, from which no rival is looked for."""
 
 SURELY_SEEN = 0.5
 """Probability of having been seen below which an absent object makes the answer cannot_tell."""
@@ -130,15 +111,6 @@ class Answer:
     """Labels of the other segments, with the type that explains each."""
     report: dict[str, Any] = field(default_factory=dict)
     """Stages with counts, milliseconds, and the candidates rejected with what cut them."""
-
-
-class Candidate(NamedTuple):
-    """A hypothesis with what the image says of it."""
-
-    hypothesis: Hypothesis
-    evidence: Evidence
-    information: NDArray[np.float64]
-    probability: float
 
 
 def find(
@@ -213,7 +185,7 @@ def find(
 def warm_up() -> None:
     """Compile all kernels of the finder (or load them from their cache)."""
     scene_stage.warm_up()
-    for module in (render, contour, refine, verify, clues, box):
+    for module in (render, contour, refine, verify, bits, votes, peek, candidates):
         module.warm_up()
     import scipy.spatial  # noqa: F401  it takes a tenth of a second, which the first query should not wait for
 
@@ -236,17 +208,17 @@ class _Search:
         self.region = region
         self.checkpoint = checkpoint
         self.report = report
-        self.frames = [inverse(scene.view.T_cloud_optical) @ s.T_camera_support for s in scene.supports]
         self.many = many
-        self._clues: Clues | None = None
-        self._rivals: dict[tuple[str, str], list[Candidate]] = {}
+
+    @cached_property
+    def candidates(self) -> Candidates:
+        """Candidates of any type, looked for when first asked for."""
+        return Candidates(self.scene, self.checkpoint)
 
     @property
     def clues(self) -> Clues:
-        """Pieces of the scene, collected when first asked for."""
-        if self._clues is None:
-            self._clues = clues_of(self.scene)
-        return self._clues
+        """What there is to see in the scene."""
+        return self.candidates.clues
 
     def surfaces(self, model: ObjectModel) -> list[Detection]:
         """Support surfaces that are large enough."""
@@ -302,172 +274,71 @@ class _Search:
 
     def solids(self, model: ObjectModel, rivals: Sequence[ObjectModel]) -> tuple[list[Detection], bool, float]:
         """Objects of one type, whether one may be there half hidden, and how likely it would have been seen."""
-        solid = solid_of(model.shape)
-        candidates = self._candidates(model, solid)
-        kept = [self._polished(solid, c) for c in _one_a_place(candidates, min(size_of(model.shape)))]
-        if self.many:  # what is asked for now is a rival of what is asked for next
-            self._rivals["", model.name] = kept
-        places = [c for c in kept if c.probability >= ACCEPTED and self._wanted(self._in_cloud(c.hypothesis))]
+        trials = self._trials(model)
         found, doubtful = [], False
-        for candidate in kept:
+        for candidate in trials.kept:
             if not self._wanted(self._in_cloud(candidate.hypothesis)):
                 continue
             if candidate.probability < ACCEPTED:
                 doubtful |= candidate.probability > DOUBTFUL and _is_cut(candidate.evidence)
                 self._reject(model, candidate)
                 continue
-            rival = self._best_rival(model, candidate, rivals, places)
+            rival = self._best_rival(model, candidate, rivals)
             if rival is not None and _explains_better(rival[1], candidate):
                 self._reject(model, candidate, rival[0])
                 continue
-            found.append(self._detection(model, candidate, candidates, rival[0] if rival else None))
+            found.append(self._detection(model, candidate, trials.tried, rival[0] if rival else None))
         return found, doubtful, self._seen(size_of(model.shape))
 
+    def _trials(self, model: ObjectModel) -> Trials:
+        """Candidates of a type asked for."""
+        start = perf_counter()
+        if not self.scene.supports:
+            return Trials([], [])
+        trials, counts = self.candidates.of(model)
+        self.report["hypotheses"] += counts.hypotheses
+        self.report["refined"] += counts.refined
+        self.report["timings_ms"][model.name] = (perf_counter() - start) * 1e3
+        return trials
+
     def _best_rival(
-        self, model: ObjectModel, candidate: Candidate, rivals: Sequence[ObjectModel], places: Sequence[Candidate]
+        self, model: ObjectModel, candidate: Candidate, rivals: Sequence[ObjectModel]
     ) -> tuple[str, Candidate] | None:
         """The rival that fits best where the candidate stands, and how."""
         best: tuple[str, Candidate] | None = None
+        if _is_clear(candidate):
+            return best
         for rival in rivals:
             if rival.name == model.name or isinstance(rival.shape, Surface):
                 continue
-            for other in self._candidates_of_rival(rival, model, places):
+            if self._most_pixels(rival, candidate.hypothesis) < _net(candidate) + TAKEN * candidate.evidence.match:
+                continue
+            for other in self._candidates_of_rival(rival, model, candidate):
                 there = self._share_place(candidate.hypothesis, model, other.hypothesis, rival)
                 if there and other.probability > DOUBTFUL and (best is None or _explains_better(other, best[1])):
                     best = (rival.name, other)
         return best
 
-    def _candidates_of_rival(
-        self, rival: ObjectModel, model: ObjectModel, places: Sequence[Candidate]
-    ) -> list[Candidate]:
-        """Candidates of a rival: all where many types are asked for, else those where the model may be."""
-        key = ("" if self.many else model.name, rival.name)
-        if key not in self._rivals:
-            solid = solid_of(rival.shape)
-            reach = (float(np.linalg.norm(size_of(model.shape))) + float(np.linalg.norm(size_of(rival.shape)))) / 2
-            centres = None if self.many else [self._centre(place.hypothesis) for place in places]
-            found = self._candidates(rival, solid, centres, reach)
-            self._rivals[key] = [self._polished(solid, c) for c in _one_a_place(found, min(size_of(rival.shape)))]
-        return self._rivals[key]
+    def _most_pixels(self, rival: ObjectModel, there: Hypothesis) -> float:
+        """Pixels that the rival covers at most at a place: half the area of its hull, seen straight on."""
+        z = float((self.clues.frames[there.support] @ there.T_support_model[:, 3])[2]) - max(size_of(rival.shape)) / 2
+        fx, fy, _, _ = self.scene.view.pinhole
+        return hull_area(solid_of(rival.shape, coarse=True)) / 2 * fx * fy / max(z, 0.1) ** 2
 
-    def _centre(self, guess: Hypothesis) -> NDArray[np.float64]:
-        """Where the middle of an object would be, optical frame."""
-        T = self.frames[guess.support] @ guess.T_support_model
-        centre: NDArray[np.float64] = T[:3, 3]
-        return centre
+    def _candidates_of_rival(self, rival: ObjectModel, model: ObjectModel, candidate: Candidate) -> list[Candidate]:
+        """Candidates of a rival: all where many types are asked for, else those where the candidate is."""
+        if self.many or self.candidates.knows(rival):
+            return self.candidates.of(rival)[0].kept
+        T, support = candidate.hypothesis.T_support_model, candidate.hypothesis.support
+        reach = (float(np.linalg.norm(size_of(model.shape))) + float(np.linalg.norm(size_of(rival.shape)))) / 2
+        return self.candidates.among(rival, self.clues.near(T[:2, 3], reach, support))[0].kept
 
     def _share_place(self, a: Hypothesis, model_a: ObjectModel, b: Hypothesis, model_b: ObjectModel) -> bool:
-        """True where the middle of one would be inside the other's box: both cannot be there."""
-        T_a = self.frames[a.support] @ a.T_support_model
-        T_b = self.frames[b.support] @ b.T_support_model
-        b_in_a = np.abs(inverse(T_a) @ T_b[:, 3])[:3] <= np.array(size_of(model_a.shape)) / 2
-        a_in_b = np.abs(inverse(T_b) @ T_a[:, 3])[:3] <= np.array(size_of(model_b.shape)) / 2
-        return bool(b_in_a.all() or a_in_b.all())
-
-    def _candidates(
-        self,
-        model: ObjectModel,
-        solid: Solid,
-        places: Sequence[NDArray[np.float64]] | None = None,
-        reach: float = np.inf,
-    ) -> list[Candidate]:
-        """Hypotheses, a quick look at each, the best refined and verified; given places, only within reach of one."""
-        start = perf_counter()
-        if not self.scene.supports:
-            return []
-        guesses = hypotheses(model.shape, self.clues)
-        if places is not None:
-            centres = [self._centre(guess) for guess in guesses]
-            near = [any(np.linalg.norm(centre - place) < reach for place in places) for centre in centres]
-            guesses = [guess for guess, is_near in zip(guesses, near, strict=True) if is_near]
-            if not guesses:
-                return []
-        self.report["hypotheses"] += len(guesses)
-        best = self._most_promising(model, guesses)
-        self.report["refined"] += len(best)
-        candidates = []
-        for number, guess in enumerate(best):
-            if number % 5 == 0:
-                self.checkpoint("refine", number / len(best))
-            hypothesis, information = self._refine(solid, guess, pixels=900, steps=8)
-            evidence = self._look(solid, hypothesis)
-            candidates.append(Candidate(hypothesis, evidence, information, _probability(hypothesis, evidence)))
-        self.report["timings_ms"][model.name] = (perf_counter() - start) * 1e3
-        return candidates
-
-    def _most_promising(self, model: ObjectModel, guesses: list[Hypothesis]) -> list[Hypothesis]:
-        """A quick look at each hypothesis; the best few of each place."""
-        view, rough = self.scene.view, solid_of(model.shape, coarse=True)
-        frames = np.array(self.frames)
-        ranked: list[tuple[float, int]] = []
-        for first in range(0, len(guesses), LOOKS_AT_ONCE):
-            self.checkpoint("look", first / len(guesses))
-            some = guesses[first : first + LOOKS_AT_ONCE]
-            looks = verify.compare_many(
-                view.depth,
-                view.pinhole,
-                rough.vertices,
-                rough.faces,
-                rough.edges,
-                frames,
-                np.array([guess.T_support_model for guess in some]),
-                np.array([_footing(guess) for guess in some]),
-                np.array([guess.support for guess in some]),
-                self.scene.noise,
-                most=QUICK_PIXELS,
-                tolerance=0.008,
-            )
-            for number, look in enumerate(looks, first):
-                if look.match >= 12 and look.agreement > 0.5:
-                    ranked.append((-_promise(look), number))
-        ranked.sort()
-        promising = [(-rank, guesses[number]) for rank, number in ranked]
-        return _best_of_each_place(promising, min(size_of(model.shape)))
-
-    def _polished(self, solid: Solid, candidate: Candidate) -> Candidate:
-        """Refined once more: the first fit may have come from too far for its finest steps to catch every face."""
-        if candidate.probability < DOUBTFUL:
-            return candidate
-        hypothesis, information = self._refine(solid, candidate.hypothesis, pixels=3000, steps=14)
-        evidence = self._look(solid, hypothesis)
-        return Candidate(hypothesis, evidence, information, _probability(hypothesis, evidence))
-
-    def _look(self, solid: Solid, guess: Hypothesis, most: int = 4000, tolerance: float = 0.002) -> Evidence:
-        view = self.scene.view
-        return verify.compare(
-            view.depth,
-            view.pinhole,
-            solid.vertices,
-            solid.faces,
-            solid.edges,
-            self.frames[guess.support],
-            guess.T_support_model,
-            _footing(guess),
-            self.scene.noise,
-            most=most,
-            tolerance=tolerance,
-        )
-
-    def _refine(
-        self, solid: Solid, guess: Hypothesis, pixels: int, steps: int
-    ) -> tuple[Hypothesis, NDArray[np.float64]]:
-        view = self.scene.view
-        loose = np.array([0.03, 0.03, _play(guess), 0.5 if guess.turns else 1e-5])
-        T, information = refine.fit(
-            view.depth,
-            view.pinhole,
-            solid.vertices,
-            solid.faces,
-            solid.edges,
-            self.frames[guess.support],
-            guess.T_support_model,
-            _footing(guess),
-            loose,
-            self.scene.noise,
-            steps,
-            pixels,
-        )
-        return guess._replace(T_support_model=T), information
+        """True where both cannot be there."""
+        T_a = self.clues.frames[a.support] @ a.T_support_model
+        T_b = self.clues.frames[b.support] @ b.T_support_model
+        solids = (solid_of(model.shape, coarse=True) for model in (model_a, model_b))
+        return shared(next(solids), T_a, next(solids), T_b) > ROOM_SHARED
 
     def _in_cloud(self, hypothesis: Hypothesis) -> NDArray[np.float64]:
         T: NDArray[np.float64] = self.scene.supports[hypothesis.support].T_camera_support @ hypothesis.T_support_model
@@ -558,7 +429,7 @@ class _Search:
         x, y = np.meshgrid(*(np.linspace(a, b, 24) for a, b in zip(low, high, strict=True)))
         xy = np.stack([x.ravel(), y.ravel()], axis=1)
         xy = xy[_inside(xy, support.outline)]
-        T = self.frames[0]
+        T = self.clues.frames[0]
         places = np.column_stack([xy, np.full(len(xy), min(size) / 2)]) @ T[:3, :3].T + T[:3, 3]
         u = np.round(places[:, 0] / places[:, 2] * view.fx + view.cx).astype(np.int64)
         v = np.round(places[:, 1] / places[:, 2] * view.fy + view.cy).astype(np.int64)
@@ -569,20 +440,15 @@ class _Search:
         return float(free.mean()) if len(free) else 0.0
 
 
-def _rank(candidate: Candidate) -> float:
-    """For poses at one place: odds, and how much of what is seen is explained; else a mug would hide its handle."""
-    return logit_of(candidate.evidence) + EXPLAINED * float(np.log(max(candidate.evidence.match, 1.0)))
-
-
 def _equivalents(candidate: Candidate, candidates: list[Candidate], solid: Solid) -> list[Candidate]:
     """Other candidates at the same place that fit as well and put the surface elsewhere."""
     from scipy.spatial import cKDTree
 
     reach = float(np.ptp(solid.vertices, axis=0).max())
-    least = _rank(candidate) - EQUIVALENT
+    least = rank_of(candidate) - EQUIVALENT
     found: list[Candidate] = []
     for other in candidates:
-        if not _near(candidate.hypothesis, other.hypothesis, reach / 2, 181.0) or _rank(other) < least:
+        if not near(candidate.hypothesis, other.hypothesis, reach / 2, 181.0) or rank_of(other) < least:
             continue
         if all(_differ(solid, other.hypothesis, known.hypothesis, cKDTree) for known in [candidate, *found]):
             found.append(other)
@@ -601,77 +467,25 @@ def _apart(T_a: NDArray[np.float64], T_b: NDArray[np.float64]) -> NDArray[np.flo
     return np.append(T_b[:3, 3] - T_a[:3, 3], np.arctan2(R[1, 0] - R[0, 1], R[0, 0] + R[1, 1]))
 
 
-def _play(guess: Hypothesis) -> float:
-    """Standard deviation of its foot's height, metres: known from the surface, measured on a top, or guessed."""
-    if guess.base == 0:
-        return ON_SURFACE
-    return ON_TOP if guess.carried else ON_NOTHING
-
-
-def _probability(hypothesis: Hypothesis, evidence: Evidence) -> float:
-    """How likely (0..1) it is there; less so on something that is not seen."""
-    return probability_of(evidence, 0.0 if hypothesis.carried else HANDICAP)
-
-
-def _footing(guess: Hypothesis) -> float:
-    """Height of what is seen under it, metres: on that its lower edges have no contrast."""
-    return guess.base if guess.carried else 0.0
-
-
 def _explains_better(one: Candidate, other: Candidate) -> bool:
     """True where one may be there and explains clearly more pixels than the other."""
-    gain = (one.evidence.match - 2 * one.evidence.through) - (other.evidence.match - 2 * other.evidence.through)
-    return one.probability > ACCEPTED and gain > 0.1 * other.evidence.match
+    return one.probability > ACCEPTED and _net(one) - _net(other) > TAKEN * other.evidence.match
 
 
-def _promise(evidence: Evidence) -> float:
-    """Rank of a quick look: matches less contradictions, and an outline that is there."""
-    pixels = max(evidence.pixels, 1.0)
-    return (evidence.match - 2 * evidence.through) / pixels + 0.7 * evidence.outline
+def _net(candidate: Candidate) -> float:
+    """Pixels that it explains, less those that speak against it."""
+    return candidate.evidence.match - 2 * candidate.evidence.through
+
+
+def _is_clear(candidate: Candidate) -> bool:
+    """True where the outline is seen nearly all around and says yes: nothing larger is there."""
+    evidence = candidate.evidence
+    return candidate.probability > CLEAR and evidence.outlined > CLEAR and evidence.outline > CLEAR
 
 
 def _is_cut(evidence: Evidence) -> bool:
     """True where a good part of it is hidden, not measured or beyond the image."""
     return evidence.hidden + evidence.unknown + evidence.beyond > 0.3 * evidence.pixels
-
-
-def _best_of_each_place(guesses: list[tuple[float, Hypothesis]], reach: float) -> list[Hypothesis]:
-    """The first few of each place, best first, without near repetitions; at most REFINED."""
-    kept: list[tuple[float, Hypothesis]] = []
-    for promise, guess in guesses:
-        there = [(best, other) for best, other in kept if _near(guess, other, 0.6 * reach, 181.0)]
-        if len(there) == A_PLACE or (there and promise < there[0][0] - BEHIND):
-            continue
-        if not any(_near(guess, other, 0.004, 5.0) for _, other in there):
-            kept.append((promise, guess))
-        if len(kept) == REFINED:
-            break
-    return [guess for _, guess in kept]
-
-
-def _near(a: Hypothesis, b: Hypothesis, metres: float, degrees: float) -> bool:
-    if a.support != b.support:
-        return False
-    gap = a.T_support_model[:3, 3] - b.T_support_model[:3, 3]
-    if gap @ gap > metres * metres:
-        return False
-    turn = (np.trace(a.T_support_model[:3, :3].T @ b.T_support_model[:3, :3]) - 1) / 2
-    return degrees > 180 or bool(turn > np.cos(np.radians(degrees)))
-
-
-def _one_a_place(candidates: list[Candidate], reach: float) -> list[Candidate]:
-    """The most probable candidate of each place; others within 0.7 of the shortest side of it are dropped."""
-    ranked = sorted(enumerate(candidates), key=lambda c: (-_rank(c[1]), c[0]))
-    kept: list[Candidate] = []
-    for _, candidate in ranked:
-        place = candidate.hypothesis.T_support_model[:3, 3]
-        if all(
-            np.linalg.norm(place - other.hypothesis.T_support_model[:3, 3]) > 0.7 * reach
-            or candidate.hypothesis.support != other.hypothesis.support
-            for other in kept
-        ):
-            kept.append(candidate)
-    return kept
 
 
 def _rectangle_around(outline: NDArray[np.float64]) -> tuple[NDArray[np.float64], tuple[float, float]]:

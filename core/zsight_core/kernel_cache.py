@@ -18,10 +18,12 @@ from pathlib import Path
 __all__ = ["SHARED", "folder", "is_stamped", "stamp", "use"]
 
 SHARED = (
+    "bits.py",
     "contour.py",
     "disjoint_sets.py",
     "eight_bytes.py",
     "image_normals.py",
+    "model_bits.py",
     "moments.py",
     "neighbour_grid.py",
     "number_kinds.py",

@@ -20,6 +20,13 @@ SIDES = 48
 """Facets around a cylinder."""
 
 
+FEW_FACES = 500
+"""Faces of a mesh at most for a quick look; those of a finer one are clustered."""
+
+FINEST = 24.0
+"""Cubes along the diagonal of a mesh in which its vertices are first clustered."""
+
+
 @dataclass(frozen=True, eq=False)
 class Solid:
     """A closed surface of triangles in the model frame."""
@@ -52,7 +59,7 @@ def solid_of(shape: Shape, *, coarse: bool = False) -> Solid:
         case Sphere(diameter):
             return _sphere_solid(diameter / 2, 1 if coarse else 3)
         case Mesh(vertices, faces):
-            return _mesh_solid(vertices.astype(np.float64).tobytes(), faces.astype(np.int32).tobytes())
+            return _mesh_solid(vertices.astype(np.float64).tobytes(), faces.astype(np.int32).tobytes(), coarse)
         case _:
             raise ModelError(f"{type(shape).__name__} is not a solid; expected a box, cylinder, sphere or mesh")
 
@@ -73,13 +80,33 @@ def _sphere_solid(radius: float, cuts: int) -> Solid:
 
 
 @lru_cache(maxsize=64)
-def _mesh_solid(vertices: bytes, faces: bytes) -> Solid:
+def _mesh_solid(vertices: bytes, faces: bytes, coarse: bool) -> Solid:
     corners = np.frombuffer(vertices).reshape(-1, 3)
     triangles = np.frombuffer(faces, np.int32).reshape(-1, 3)
     corners = corners - (corners.min(axis=0) + corners.max(axis=0)) / 2
     a, b, c = (corners[triangles[:, k]] for k in range(3))
     inside_out = float(np.einsum("ij,ij->", a, np.cross(b, c))) < 0  # files with clockwise faces are common
-    return _solid(corners, triangles[:, ::-1] if inside_out else triangles)
+    triangles = triangles[:, ::-1] if inside_out else triangles
+    cell = float(np.linalg.norm(np.ptp(corners, axis=0))) / FINEST
+    while coarse and len(triangles) > FEW_FACES:
+        corners, triangles = _clustered(corners, triangles, cell)
+        cell *= 1.25
+    return _solid(corners, triangles)
+
+
+def _clustered(
+    vertices: NDArray[np.float64], faces: NDArray[np.int32], cell: float
+) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+    """A mesh with one vertex a cube of this side, where any were (Rossignac and Borrel 1993)."""
+    cubes, number = np.unique(np.floor(vertices / cell).astype(np.int64), axis=0, return_inverse=True)
+    number = number.reshape(-1)
+    counts = np.bincount(number, minlength=len(cubes))
+    means = [np.bincount(number, vertices[:, axis], len(cubes)) / counts for axis in range(3)]
+    renamed = number[faces]
+    whole = (renamed[:, 0] != renamed[:, 1]) & (renamed[:, 1] != renamed[:, 2]) & (renamed[:, 2] != renamed[:, 0])
+    first = np.argmin(renamed, axis=1)[:, np.newaxis]
+    ordered = np.take_along_axis(renamed, (first + np.arange(3)) % 3, axis=1)
+    return np.stack(means, axis=1), np.unique(ordered[whole], axis=0).astype(np.int32)
 
 
 def _solid(vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> Solid:

@@ -19,6 +19,10 @@ IN_FRONT = 0.015
 """Metres by which something must be nearer to count as another thing in front."""
 
 
+OFF, MATCH, THROUGH, PROUD, HIDDEN, UNKNOWN, BEYOND = 0, 1, 2, 3, 4, 5, 6
+"""States of a pixel: not of the solid, and as in Evidence, numbered as there."""
+
+
 class Evidence(NamedTuple):
     """Pixels and outline samples by what they say; plain floats so that compiled code can make one."""
 
@@ -188,7 +192,6 @@ def _count(  # noqa: C901  one compiled loop over pixels; splitting it would pas
 ) -> NDArray[np.float64]:
     """The numbers of Evidence (17,)."""
     counts = np.zeros(17)
-    height, width = depth.shape
     placed = place(T_optical_model, vertices)
     region = region_of(placed, pinhole, most)
     if region[2] == 0:
@@ -196,42 +199,34 @@ def _count(  # noqa: C901  one compiled loop over pixels; splitting it would pas
     planes = face_planes(placed, faces)
     w, face = draw(placed, faces, planes, pinhole, region)
     u0, v0, columns, rows, step = region
+    states = _states(depth, w, face, region, noise, tolerance)
+    _spread_what_hides(states)
     block = max(3, (max(rows, columns) + 7) // 8)
     blocks = np.zeros((rows // block + 1, columns // block + 1, 3))
-    inner, told = 0, 0
+    inner = 0
     for r in range(rows):
         v = v0 + r * step
         for k in range(columns):
-            if face[r, k] < 0:
+            if states[r, k] == OFF:
                 continue
             u = u0 + k * step
             counts[0] += 1
-            if not (0 <= u < width and 0 <= v < height):
-                counts[6] += 1
+            if states[r, k] in (BEYOND, UNKNOWN, HIDDEN):
+                counts[states[r, k]] += 1
+            if states[r, k] in (BEYOND, UNKNOWN):
                 continue
-            if depth[v, u] <= 0:
-                counts[5] += 1
-                continue
-            z = 1.0 / w[r, k]
-            residual = 1.0 / depth[v, u] - w[r, k]
-            gate = 3.0 * noise + tolerance * w[r, k] * w[r, k]
-            far_in_front = residual > gate + IN_FRONT * w[r, k] * w[r, k]
-            if far_in_front:
-                counts[4] += 1
             inside = 0 < r < rows - 1 and 0 < k < columns - 1
             if inside:
                 inside = face[r - 1, k] >= 0 and face[r + 1, k] >= 0 and face[r, k - 1] >= 0 and face[r, k + 1] >= 0
             if not inside:
                 continue
             inner += 1
-            if abs(residual) <= gate:
-                counts[1] += 1
-            elif residual < 0:
-                counts[2] += 1
-            elif not far_in_front:
-                counts[3] += 1
+            if states[r, k] == HIDDEN:
+                continue
+            counts[states[r, k]] += 1
+            z = 1.0 / w[r, k]
+            residual = 1.0 / depth[v, u] - w[r, k]
             if abs(residual) < 3.0 * noise + IN_FRONT * w[r, k] * w[r, k]:
-                told += 1
                 m = blocks[r // block, k // block]
                 m[0] += 1
                 m[1] += residual * z * z
@@ -292,6 +287,62 @@ def _count(  # noqa: C901  one compiled loop over pixels; splitting it would pas
     for k in range(7):
         counts[k] *= step * step
     return counts
+
+
+@njit(cache=True, nogil=True)
+def _states(
+    depth: NDArray[np.float32],
+    w: NDArray[np.float64],
+    face: NDArray[np.int32],
+    region: tuple[int, int, int, int, int],
+    noise: float,
+    tolerance: float,
+) -> NDArray[np.int8]:
+    """State of each pixel of the raster (rows, columns)."""
+    u0, v0, columns, rows, step = region
+    height, width = depth.shape
+    state = np.zeros((rows, columns), np.int8)
+    for r in range(rows):
+        v = v0 + r * step
+        for k in range(columns):
+            if face[r, k] < 0:
+                continue
+            u = u0 + k * step
+            if not (0 <= u < width and 0 <= v < height):
+                state[r, k] = BEYOND
+                continue
+            if depth[v, u] <= 0:
+                state[r, k] = UNKNOWN
+                continue
+            residual = 1.0 / depth[v, u] - w[r, k]
+            gate = 3.0 * noise + tolerance * w[r, k] * w[r, k]
+            if abs(residual) <= gate:
+                state[r, k] = MATCH
+            elif residual < 0:
+                state[r, k] = THROUGH
+            elif residual > gate + IN_FRONT * w[r, k] * w[r, k]:
+                state[r, k] = HIDDEN
+            else:
+                state[r, k] = PROUD
+    return state
+
+
+@njit(cache=True, nogil=True)
+def _spread_what_hides(state: NDArray[np.int8]) -> None:
+    """What is a little nearer and hangs together with what is much nearer is of the same thing in front; in place."""
+    rows, columns = state.shape
+    for sweep in range(4):
+        for i in range(rows):
+            r = i if sweep % 2 == 0 else rows - 1 - i
+            for j in range(columns):
+                k = j if sweep % 2 == 0 else columns - 1 - j
+                if state[r, k] != PROUD:
+                    continue
+                for way in range(4):
+                    a, b = r + (1, -1, 0, 0)[way], k + (0, 0, 1, -1)[way]
+                    if 0 <= a < rows and 0 <= b < columns and state[a, b] == HIDDEN:
+                        state[r, k] = HIDDEN
+                        break
 
 
 @njit(cache=True, nogil=True)

@@ -76,9 +76,9 @@ def test_box_poses_put_each_different_side_down_once() -> None:
     assert len(box_poses((0.1, 0.2, 0.3))) == 3
     assert len(box_poses((0.035, 0.2, 0.035))) == 2
     assert len(box_poses((0.05, 0.05, 0.05))) == 1
-    for R, extents in box_poses((0.1, 0.2, 0.3)):
+    for R, tall in box_poses((0.1, 0.2, 0.3)):
         assert np.linalg.det(R) == pytest.approx(1.0)
-        assert np.abs(R) @ [0.1, 0.2, 0.3] == pytest.approx(extents)
+        assert np.abs(R[2]) @ [0.1, 0.2, 0.3] == pytest.approx(tall)
 
 
 def test_mesh_poses_of_a_box_are_its_six_sides() -> None:

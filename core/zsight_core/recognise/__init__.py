@@ -1,5 +1,7 @@
 """Ways to recognise: one file a shape, each a function from a shape and the clues of a scene to hypotheses.
 
+All shapes that are known here say in which poses they rest, and let ``votes`` find where.
+
 A hypothesis need only be within about 10 mm and 10 degrees; refinement, verification, rivals, score and covariance come
 after it and know nothing of shapes. A new way is a new file and a line in ``_WAYS``.
 

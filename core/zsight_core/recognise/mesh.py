@@ -1,4 +1,4 @@
-"""Meshes: each stable pose is turned through a full circle over each segment of its height."""
+"""Meshes: each face of the convex hull down on which they stand."""
 
 from __future__ import annotations
 
@@ -7,23 +7,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from zsight_core.clues import Clues, Hypothesis, Piece
+from zsight_core.recognise.votes import Pose, vote
 from zsight_core.solid import solid_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from zsight_core.clues import Clues, Hypothesis
     from zsight_core.model import Mesh
 
 __all__ = ["hypotheses", "stable_poses"]
 
-YAWS = 36
-"""Turns tried a stable pose: 10 degrees apart, refinement does the rest."""
-
 MOST_POSES = 6
-
-HEIGHT_SLACK = 0.012
-"""Metres by which the highest point seen may differ from the pose's height."""
 
 SMALLEST_FACE = 0.03
 """Share of the hull's area below which a face is too small to stand on."""
@@ -33,19 +28,8 @@ BALANCE = 0.06
 
 
 def hypotheses(shape: Mesh, clues: Clues) -> list[Hypothesis]:
-    """Standing on each stable face, turned, and shifted so that what would be seen covers what is seen."""
-    found: list[Hypothesis] = []
-    for R, tall in stable_poses(shape):
-        solid = solid_of(shape)
-        corners = solid.vertices @ R.T
-        middles, normals = _facets(corners, solid.faces)
-        reach = float(np.linalg.norm(np.ptp(corners[:, :2], axis=0))) + 0.02
-        for piece in clues.segments + clues.clumps:
-            for base, _ in clues.tops_of(tall, piece.support):
-                fits = abs(float(piece.points[:, 2].max()) - base - tall) < HEIGHT_SLACK
-                if fits and np.ptp(piece.points[:, :2], axis=0).max() < reach:
-                    found += _turned(piece, middles, normals, R, corners, base, clues)
-    return found
+    """On each stable face."""
+    return vote(solid_of(shape), [Pose(R, tall) for R, tall in stable_poses(shape)], clues)
 
 
 def stable_poses(shape: Mesh) -> list[tuple[NDArray[np.float64], float]]:
@@ -54,39 +38,6 @@ def stable_poses(shape: Mesh) -> list[tuple[NDArray[np.float64], float]]:
     As modelled comes first where it is stable.
     """
     return list(_stable_poses(shape.vertices.astype(np.float64).tobytes(), shape.faces.astype(np.int32).tobytes()))
-
-
-def _turned(
-    piece: Piece,
-    middles: NDArray[np.float64],
-    normals: NDArray[np.float64],
-    R: NDArray[np.float64],
-    corners: NDArray[np.float64],
-    base: float,
-    clues: Clues,
-) -> list[Hypothesis]:
-    low, high = piece.points[:, :2].min(axis=0), piece.points[:, :2].max(axis=0)
-    seen_from = clues.eyes[piece.support] - np.append((low + high) / 2, base)
-    found = []
-    for yaw in np.arange(YAWS) * 2 * np.pi / YAWS:
-        c, s = np.cos(yaw), np.sin(yaw)
-        Rz = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-        facing = (normals @ Rz.T) @ seen_from > 0
-        xy = (middles[facing] @ Rz.T)[:, :2] if facing.any() else corners[:, :2]
-        T = np.eye(4)
-        T[:3, :3] = Rz @ R
-        T[:2, 3] = (low + high) / 2 - (xy.min(axis=0) + xy.max(axis=0)) / 2
-        T[2, 3] = base - corners[:, 2].min()
-        found.append(Hypothesis(T, base, piece.support, turns=True))
-    return found
-
-
-def _facets(corners: NDArray[np.float64], faces: NDArray[np.int32]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Points (3 F, 3) just inside the corners of each face, and its outward direction (3 F, 3)."""
-    a, b, c = (corners[faces[:, k]] for k in range(3))
-    middle = (a + b + c) / 3
-    points = np.concatenate([0.95 * corner + 0.05 * middle for corner in (a, b, c)])
-    return points, np.tile(np.cross(b - a, c - a), (3, 1))
 
 
 @lru_cache(maxsize=64)

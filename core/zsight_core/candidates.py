@@ -1,0 +1,347 @@
+"""From hypotheses to candidates: a quick look at each, the best fitted roughly, the best of those fitted well.
+
+Each step looks at fewer poses and takes longer for each. What is found of a type in a scene is kept with the scene, so
+that all queries share it.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from numba import njit
+
+from zsight_core import refine, verify
+from zsight_core.clues import Clues, Hypothesis, clues_of
+from zsight_core.model import Mesh, size_of
+from zsight_core.overlap import shared
+from zsight_core.recognise import hypotheses
+from zsight_core.score import logit_of, probability_of
+from zsight_core.solid import Solid, solid_of
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from zsight_core.model import ObjectModel, Shape
+    from zsight_core.scene import Checkpoint, Scene
+    from zsight_core.verify import Evidence
+
+__all__ = ["Candidate", "Candidates", "Counts", "Trials", "near", "rank_of", "warm_up"]
+
+ON_SURFACE, ON_TOP, ON_NOTHING = 2e-5, 0.0015, 0.004
+"""Metres by which the height of a foot may be off on the surface, on a top that is seen, and on what is not seen."""
+
+HANDICAP = 1.5
+"""Logarithm of odds that something has to make up for when nothing is seen that it could stand on."""
+
+QUICK_PIXELS = 200
+"""Raster of a quick look at a hypothesis."""
+
+LOOKS_AT_ONCE = 200
+"""Quick looks between two checkpoints."""
+
+FITS_AT_ONCE = 10
+"""Fits between two checkpoints."""
+
+ROUGHLY_FITTED = 60
+"""Hypotheses that are roughly fitted at most, the best of the quick looks."""
+
+A_PLACE = 8
+"""Hypotheses of one place that are roughly fitted at most."""
+
+WELL_FITTED = 5
+"""Hypotheses of one place that are well fitted at most."""
+
+PROMISING = 0.6
+"""Least promise of a hypothesis that is fitted; nearly all true ones have more than 1, long thin ones at times less."""
+
+BEHIND = 0.3
+"""Promise by which a hypothesis may be behind the best of its place and still be fitted."""
+
+ROUGH_STEPS = 5
+"""Iterations of a rough fit."""
+
+ROUGH_NOISE = 5e-4
+"""1/m; what a rough fit leaves of its first error counts as noise of inverse depth."""
+
+LIKELY = -4.0
+"""Least logarithm of odds of a rough fit that is fitted well; 99 of 100 true ones have more, and 6 of 100 others."""
+
+RANKED_BEHIND = 8.0
+"""Logarithm of odds by which a rough fit may be behind the best of its place and still be fitted well."""
+
+ROOM_SHARED = 0.3
+"""Share of a solid that may at most lie inside of another one: poses and hulls are not exact."""
+
+EXPLAINED = 15.0
+"""Logarithm of odds that a pose gains by explaining e times the pixels of another one."""
+
+DOUBTFUL = 0.15
+"""Probability from which a candidate is fitted once more."""
+
+
+class Candidate(NamedTuple):
+    """A hypothesis with what the image says of it."""
+
+    hypothesis: Hypothesis
+    evidence: Evidence
+    information: NDArray[np.float64]
+    """(4, 4) of x, y, height and yaw."""
+    probability: float
+
+
+class Trials(NamedTuple):
+    """What became of the hypotheses of a type."""
+
+    tried: list[Candidate]
+    """All that were fitted well."""
+    kept: list[Candidate]
+    """The best of each place."""
+
+
+class Counts(NamedTuple):
+    """How much was done for a type."""
+
+    hypotheses: int
+    refined: int
+
+
+class _Known(NamedTuple):
+    shape: Shape
+    trials: Trials
+    counts: Counts
+
+
+_known: WeakKeyDictionary[Scene, dict[int, _Known]] = WeakKeyDictionary()
+
+
+class Candidates:
+    """Candidates of any type in one scene."""
+
+    def __init__(self, scene: Scene, checkpoint: Checkpoint) -> None:
+        self.scene = scene
+        self.clues = clues_of(scene)
+        self.checkpoint = checkpoint
+        self._known = _known.setdefault(scene, {})
+
+    def of(self, model: ObjectModel) -> tuple[Trials, Counts]:
+        """All candidates of a type; in a scene each type is looked for once."""
+        known = self._known.get(id(model.shape))
+        if known is None:
+            known = self._known[id(model.shape)] = _Known(model.shape, *self.among(model, self.clues))
+        return known.trials, known.counts
+
+    def knows(self, model: ObjectModel) -> bool:
+        """True where the type was looked for already."""
+        return id(model.shape) in self._known
+
+    def among(self, model: ObjectModel, clues: Clues) -> tuple[Trials, Counts]:
+        """Candidates of a type that follow from some clues."""
+        guesses = hypotheses(model.shape, clues)
+        best = self._most_promising(model, guesses)
+        solid = solid_of(model.shape)
+        first = solid if isinstance(model.shape, Mesh) else solid_of(model.shape, coarse=True)
+        rough = self._fitted(first, best, pixels=300, steps=ROUGH_STEPS, look=800)
+        rough = [candidate for candidate in rough if logit_of(candidate.evidence) > LIKELY]
+        chosen = _best_few_of_each_place(rough, min(size_of(model.shape)))
+        tried = self._fitted(solid, chosen, pixels=900, steps=8, look=4000)
+        kept = [self._polished(solid, c) for c in _one_a_place(tried, solid_of(model.shape, coarse=True))]
+        return Trials(tried, kept), Counts(len(guesses), len(best))
+
+    def _fitted(self, solid: Solid, guesses: list[Hypothesis], pixels: int, steps: int, look: int) -> list[Candidate]:
+        found = []
+        for number, guess in enumerate(guesses):
+            if number % FITS_AT_ONCE == 0:
+                self.checkpoint("refine", number / len(guesses))
+            found.append(self._fit(solid, guess, pixels, steps, look))
+        return found
+
+    def _polished(self, solid: Solid, candidate: Candidate) -> Candidate:
+        """Fitted once more: the first fit may have come from too far for its finest steps to catch every face."""
+        if candidate.probability < DOUBTFUL:
+            return candidate
+        return self._fit(solid, candidate.hypothesis, pixels=3000, steps=14, look=4000)
+
+    def _fit(self, solid: Solid, guess: Hypothesis, pixels: int, steps: int, look: int) -> Candidate:
+        view = self.scene.view
+        loose = np.array([0.03, 0.03, _play(guess), 0.5 if guess.turns else 1e-5])
+        T_optical_support, footing = self.clues.frames[guess.support], _footing(guess)
+        shape = (solid.vertices, solid.faces, solid.edges, T_optical_support)
+        T, information = refine.fit(
+            view.depth,
+            view.pinhole,
+            *shape,
+            guess.T_support_model,
+            footing,
+            loose,
+            self.scene.noise,
+            steps,
+            pixels,
+        )
+        noise = self.scene.noise if steps > ROUGH_STEPS else max(self.scene.noise, ROUGH_NOISE)
+        evidence = verify.compare(view.depth, view.pinhole, *shape, T, footing, noise, most=look)
+        fitted = guess._replace(T_support_model=T)
+        return Candidate(fitted, evidence, information, _probability(fitted, evidence))
+
+    def _most_promising(self, model: ObjectModel, guesses: list[Hypothesis]) -> list[Hypothesis]:
+        """A quick look at each hypothesis; the best few of each place."""
+        view, rough = self.scene.view, solid_of(model.shape, coarse=True)
+        ranked: list[tuple[float, int]] = []
+        for first in range(0, len(guesses), LOOKS_AT_ONCE):
+            self.checkpoint("look", first / len(guesses))
+            some = guesses[first : first + LOOKS_AT_ONCE]
+            looks = verify.compare_many(
+                view.depth,
+                view.pinhole,
+                rough.vertices,
+                rough.faces,
+                rough.edges,
+                np.array(self.clues.frames),
+                np.array([guess.T_support_model for guess in some]),
+                np.array([_footing(guess) for guess in some]),
+                np.array([guess.support for guess in some]),
+                self.scene.noise,
+                most=QUICK_PIXELS,
+                tolerance=0.008,
+            )
+            for number, look in enumerate(looks, first):
+                if look.match >= 12 and look.agreement > 0.5 and _promise(look) > PROMISING:
+                    ranked.append((-_promise(look), number))
+        ranked.sort()
+        promising = [(-rank, guesses[number]) for rank, number in ranked]
+        return _best_of_each_place(promising, min(size_of(model.shape)))
+
+
+def rank_of(candidate: Candidate) -> float:
+    """For poses at one place: odds, and how much of what is seen is explained; else a mug would hide its handle."""
+    return logit_of(candidate.evidence) + EXPLAINED * float(np.log(max(candidate.evidence.match, 1.0)))
+
+
+def near(a: Hypothesis, b: Hypothesis, metres: float, degrees: float) -> bool:
+    """True where two poses are on one surface and within a distance and an angle (above 180: any)."""
+    if a.support != b.support:
+        return False
+    gap = a.T_support_model[:3, 3] - b.T_support_model[:3, 3]
+    if gap @ gap > metres * metres:
+        return False
+    turn = (np.trace(a.T_support_model[:3, :3].T @ b.T_support_model[:3, :3]) - 1) / 2
+    return degrees > 180 or bool(turn > np.cos(np.radians(degrees)))
+
+
+def _play(guess: Hypothesis) -> float:
+    """Standard deviation of its foot's height, metres: known from the surface, measured on a top, or guessed."""
+    if guess.base == 0:
+        return ON_SURFACE
+    return ON_TOP if guess.carried else ON_NOTHING
+
+
+def _probability(hypothesis: Hypothesis, evidence: Evidence) -> float:
+    """How likely (0..1) it is there; less so on something that is not seen."""
+    return probability_of(evidence, 0.0 if hypothesis.carried else HANDICAP)
+
+
+def _footing(guess: Hypothesis) -> float:
+    """Height of what is seen under it, metres: on that its lower edges have no contrast."""
+    return guess.base if guess.carried else 0.0
+
+
+def _promise(evidence: Evidence) -> float:
+    """Rank of a quick look: matches less contradictions, and an outline that is there."""
+    pixels = max(evidence.pixels, 1.0)
+    return (evidence.match - 2 * evidence.through) / pixels + 0.7 * evidence.outline
+
+
+def _best_of_each_place(guesses: list[tuple[float, Hypothesis]], reach: float) -> list[Hypothesis]:
+    """The first few of each place, best first, without near repetitions; at most ROUGHLY_FITTED."""
+    chosen = _few_of_each_place(guesses, 0.6 * reach, A_PLACE, BEHIND, 0.004, 5.0)
+    return [guesses[k][1] for k in chosen[:ROUGHLY_FITTED]]
+
+
+def _best_few_of_each_place(candidates: list[Candidate], reach: float) -> list[Hypothesis]:
+    """Hypotheses of the best rough fits of each place, best first, without repetitions."""
+    ranked = [(rank_of(candidate), candidate.hypothesis) for candidate in _ranked(candidates)]
+    chosen = _few_of_each_place(ranked, 0.6 * reach, WELL_FITTED, RANKED_BEHIND, 0.002, 3.0)
+    return [ranked[k][1] for k in chosen]
+
+
+def _few_of_each_place(
+    ranked: list[tuple[float, Hypothesis]],
+    reach: float,
+    here: int,
+    behind: float,
+    metres: float,
+    degrees: float,
+) -> list[int]:
+    """Numbers of those, best first, that are among the first of their place and repeat none of them."""
+    if not ranked:
+        return []
+    ranks = np.array([rank for rank, _ in ranked])
+    poses = np.array([guess.T_support_model[:3] for _, guess in ranked])
+    supports = np.array([guess.support for _, guess in ranked])
+    chosen: list[int] = _choose(
+        ranks, poses, supports, reach, here, behind, metres, np.cos(np.radians(degrees))
+    ).tolist()
+    return chosen
+
+
+@njit(cache=True, nogil=True)
+def _choose(
+    ranks: NDArray[np.float64],
+    poses: NDArray[np.float64],
+    supports: NDArray[np.int64],
+    reach: float,
+    here: int,
+    behind: float,
+    metres: float,
+    cosine: float,
+) -> NDArray[np.int64]:
+    """Numbers (K,) of the poses (N, 3, 4), best first, that are kept."""
+    kept = np.empty(len(ranks), np.int64)
+    count = 0
+    for i in range(len(ranks)):
+        there, again, best = 0, False, -np.inf
+        for q in range(count):
+            k = kept[q]
+            square = 0.0
+            for a in range(3):
+                square += (poses[i, a, 3] - poses[k, a, 3]) ** 2
+            if supports[i] != supports[k] or square > reach * reach:
+                continue
+            best = ranks[k] if there == 0 else best
+            there += 1
+            if square < metres * metres:
+                trace = 0.0
+                for a in range(3):
+                    for b in range(3):
+                        trace += poses[i, a, b] * poses[k, a, b]
+                again = again or (trace - 1) / 2 > cosine
+        if there < here and not again and not ranks[i] < best - behind:
+            kept[count] = i
+            count += 1
+    return kept[:count]
+
+
+def _one_a_place(candidates: list[Candidate], solid: Solid) -> list[Candidate]:
+    """The most probable candidate of each place; others that share their place with a better one are dropped."""
+    kept: list[Candidate] = []
+    for candidate in _ranked(candidates):
+        T, support = candidate.hypothesis.T_support_model, candidate.hypothesis.support
+        if not any(
+            other.hypothesis.support == support
+            and shared(solid, T, solid, other.hypothesis.T_support_model) > ROOM_SHARED
+            for other in kept
+        ):
+            kept.append(candidate)
+    return kept
+
+
+def _ranked(candidates: list[Candidate]) -> list[Candidate]:
+    """Best first."""
+    order = sorted(range(len(candidates)), key=lambda k: (-rank_of(candidates[k]), k))
+    return [candidates[k] for k in order]
+
+
+def warm_up() -> None:
+    """Compile the kernels (or load them from their cache)."""
+    _choose(np.zeros(1), np.zeros((1, 3, 4)), np.zeros(1, np.int64), 0.1, 1, 1.0, 0.1, 0.5)

@@ -1,0 +1,72 @@
+"""How much of one solid lies inside of another one: two solid things cannot be at one place."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from zsight_core.transform import inverse
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from zsight_core.solid import Solid
+
+__all__ = ["hull_area", "shared"]
+
+GRID = 6
+"""Points along each side of the box around a solid at which its inside is sampled."""
+
+
+class _Hull(NamedTuple):
+    sides: NDArray[np.float64]
+    """(F, 4) outward normal and offset of each side."""
+    inside: NDArray[np.float64]
+    """(N, 3) points inside, metres, model frame."""
+    radius: float
+    """Metres from the origin to the farthest vertex."""
+    area: float
+    """Square metres."""
+
+
+def shared(a: Solid, T_a: NDArray[np.float64], b: Solid, T_b: NDArray[np.float64]) -> float:
+    """Share (0..1) of the convex hull of one solid that lies in that of the other, of the smaller one.
+
+    Args:
+        a: one solid.
+        T_a: (4, 4) its pose in any frame.
+        b: the other solid.
+        T_b: (4, 4) its pose in the same frame.
+    """
+    hull_a, hull_b = (_hull(solid.vertices.tobytes()) for solid in (a, b))
+    gap = T_a[:3, 3] - T_b[:3, 3]
+    if gap @ gap > (hull_a.radius + hull_b.radius) ** 2:
+        return 0.0
+    T_b_a = inverse(T_b) @ T_a
+    return max(_share_inside(hull_a, hull_b, T_b_a), _share_inside(hull_b, hull_a, inverse(T_b_a)))
+
+
+def hull_area(solid: Solid) -> float:
+    """Square metres of the convex hull's surface; seen from anywhere it covers at most half of that."""
+    return _hull(solid.vertices.tobytes()).area
+
+
+def _share_inside(one: _Hull, other: _Hull, T_other_one: NDArray[np.float64]) -> float:
+    points = one.inside @ T_other_one[:3, :3].T + T_other_one[:3, 3]
+    return float((points @ other.sides[:, :3].T + other.sides[:, 3] <= 0).all(axis=1).mean())
+
+
+@lru_cache(maxsize=64)
+def _hull(vertices: bytes) -> _Hull:
+    from scipy.spatial import ConvexHull
+
+    corners = np.frombuffer(vertices).reshape(-1, 3)
+    hull = ConvexHull(corners)
+    sides = np.unique(hull.equations.round(9), axis=0)
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    steps = (np.arange(GRID) + 0.5) / GRID
+    grid = low + (high - low) * np.stack(np.meshgrid(steps, steps, steps), axis=-1).reshape(-1, 3)
+    inside = grid[(grid @ sides[:, :3].T + sides[:, 3] <= 0).all(axis=1)]
+    return _Hull(sides, inside, float(np.linalg.norm(corners, axis=1).max()), float(hull.area))
