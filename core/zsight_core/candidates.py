@@ -138,7 +138,7 @@ class Candidates:
 
     def among(self, model: ObjectModel, clues: Clues) -> tuple[Trials, Counts]:
         """Candidates of a type that follow from some clues."""
-        guesses = hypotheses(model.shape, clues)
+        guesses = hypotheses(model.shape, clues, self.checkpoint)
         best = self._most_promising(model, guesses)
         solid = solid_of(model.shape)
         first = solid if isinstance(model.shape, Mesh) else solid_of(model.shape, coarse=True)

@@ -26,7 +26,7 @@ from zsight_core.solid import Solid, solid_of
 from zsight_core.transform import inverse
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from numpy.typing import NDArray
 
@@ -124,6 +124,7 @@ def find(
     maximum: int | None = None,
     rivals: Sequence[ObjectModel] = (),
     checkpoint: Checkpoint = go_on,
+    on_found: Callable[[Detection], object] = lambda _: None,
 ) -> Answer:
     """Find all objects of some types.
 
@@ -138,6 +139,7 @@ def find(
         maximum: most objects to report, the most probable ones; None: all.
         rivals: types that may stand there instead; a place that a rival explains better is not reported.
         checkpoint: called at every stage and within long loops; what it raises ends the search.
+        on_found: called with each detection when it is sure, for a caller that may stop the search.
 
     Returns:
         The answer; for the same cloud and arguments the same, bit for bit.
@@ -158,7 +160,7 @@ def find(
         "refined": 0,
         "rejected": [],
     }
-    search = _Search(scene, T_world_camera, region, checkpoint, report, many=len(models) > 1)
+    search = _Search(scene, T_world_camera, region, checkpoint, report, on_found, many=len(models) > 1)
     found: list[Detection] = []
     doubtful = False
     seen = 1.0
@@ -200,6 +202,7 @@ class _Search:
         region: tuple[Sequence[float], Sequence[float]] | None,
         checkpoint: Checkpoint,
         report: dict[str, Any],
+        on_found: Callable[[Detection], object],
         *,
         many: bool,
     ) -> None:
@@ -208,6 +211,7 @@ class _Search:
         self.region = region
         self.checkpoint = checkpoint
         self.report = report
+        self.on_found = on_found
         self.many = many
 
     @cached_property
@@ -288,6 +292,7 @@ class _Search:
                 self._reject(model, candidate, rival[0])
                 continue
             found.append(self._detection(model, candidate, trials.tried, rival[0] if rival else None))
+            self.on_found(found[-1])
         return found, doubtful, self._seen(size_of(model.shape))
 
     def _trials(self, model: ObjectModel) -> Trials:

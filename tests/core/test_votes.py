@@ -10,6 +10,7 @@ from tests.core import book_scene as book
 
 from zsight_core.candidates import Candidates
 from zsight_core.clues import clues_of
+from zsight_core.errors import Cancelled
 from zsight_core.model import Box, Cylinder, Mesh, ObjectModel, Sphere
 from zsight_core.recognise import hypotheses
 from zsight_core.scene import go_on, understand
@@ -83,6 +84,20 @@ def test_a_can_on_a_box_is_proposed_at_its_height() -> None:
 
 def test_an_empty_table_makes_no_proposals() -> None:
     assert hypotheses(TEA_BOX.shape, clues_of(scene_of())) == []
+
+
+def test_a_search_can_be_stopped_among_its_votes() -> None:
+    asked: list[str] = []
+
+    def stop(stage: str, fraction: float) -> None:
+        assert 0 <= fraction <= 1
+        asked.append(stage)
+        if len(asked) == 2:
+            raise Cancelled("stopped")
+
+    with pytest.raises(Cancelled):
+        hypotheses(TEA_BOX.shape, clues_of(scene_of((TEA_BOX, book.at(0.6, -0.2, Z + 0.0325)))), stop)
+    assert asked == ["propose", "propose"]
 
 
 def test_a_type_is_looked_for_once_in_a_scene() -> None:

@@ -19,17 +19,19 @@ from typing import TYPE_CHECKING, Any
 
 from zsight_core.model import Box, Cylinder, Mesh, Shape, Sphere
 from zsight_core.recognise import box, cylinder, mesh, sphere
+from zsight_core.scene import go_on
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from zsight_core.clues import Clues, Hypothesis
+    from zsight_core.scene import Checkpoint
 
 __all__ = ["GROUP", "hypotheses", "plugged"]
 
 log = logging.getLogger(__name__)
 
-_WAYS: dict[type, Callable[[Any, Clues], list[Hypothesis]]] = {
+_WAYS: dict[type, Callable[[Any, Clues, Checkpoint], list[Hypothesis]]] = {
     Box: box.hypotheses,
     Cylinder: cylinder.hypotheses,
     Sphere: sphere.hypotheses,
@@ -40,10 +42,10 @@ _WAYS: dict[type, Callable[[Any, Clues], list[Hypothesis]]] = {
 GROUP = "zsight.recognisers"
 
 
-def hypotheses(shape: Shape, clues: Clues) -> list[Hypothesis]:
+def hypotheses(shape: Shape, clues: Clues, checkpoint: Checkpoint = go_on) -> list[Hypothesis]:
     """Where the shape might stand; empty for a shape that nothing here recognises."""
     way = _WAYS.get(type(shape))
-    found = way(shape, clues) if way else []
+    found = way(shape, clues, checkpoint) if way else []
     return [*found, *(guess for other in plugged(type(shape).__name__.lower()) for guess in other(shape, clues))]
 
 

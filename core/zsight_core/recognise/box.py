@@ -14,13 +14,14 @@ if TYPE_CHECKING:
 
     from zsight_core.clues import Clues, Hypothesis
     from zsight_core.model import Box
+    from zsight_core.scene import Checkpoint
 
 __all__ = ["hypotheses", "stable_poses"]
 
 
-def hypotheses(shape: Box, clues: Clues) -> list[Hypothesis]:
+def hypotheses(shape: Box, clues: Clues, checkpoint: Checkpoint) -> list[Hypothesis]:
     """On each side."""
-    return vote(solid_of(shape), [Pose(R, tall) for R, tall in stable_poses(shape.size)], clues)
+    return vote(solid_of(shape), [Pose(R, tall) for R, tall in stable_poses(shape.size)], clues, checkpoint)
 
 
 def stable_poses(size: tuple[float, float, float]) -> list[tuple[NDArray[np.float64], float]]:

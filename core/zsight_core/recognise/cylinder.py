@@ -12,6 +12,7 @@ from zsight_core.solid import solid_of
 if TYPE_CHECKING:
     from zsight_core.clues import Clues, Hypothesis
     from zsight_core.model import Cylinder
+    from zsight_core.scene import Checkpoint
 
 __all__ = ["hypotheses"]
 
@@ -19,6 +20,8 @@ LYING = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
 """Rotation that lays the model's z axis along x."""
 
 
-def hypotheses(shape: Cylinder, clues: Clues) -> list[Hypothesis]:
+def hypotheses(shape: Cylinder, clues: Clues, checkpoint: Checkpoint) -> list[Hypothesis]:
     """On its end and on its side."""
-    return vote(solid_of(shape), [Pose(np.eye(3), shape.height, is_round=True), Pose(LYING, shape.diameter)], clues)
+    return vote(
+        solid_of(shape), [Pose(np.eye(3), shape.height, is_round=True), Pose(LYING, shape.diameter)], clues, checkpoint
+    )

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
     from zsight_core.clues import Clues, Hypothesis
     from zsight_core.model import Mesh
+    from zsight_core.scene import Checkpoint
 
 __all__ = ["hypotheses", "stable_poses"]
 
@@ -27,9 +28,9 @@ BALANCE = 0.06
 """Share of the solid's size by which its centre of mass must be inside of what it stands on."""
 
 
-def hypotheses(shape: Mesh, clues: Clues) -> list[Hypothesis]:
+def hypotheses(shape: Mesh, clues: Clues, checkpoint: Checkpoint) -> list[Hypothesis]:
     """On each stable face."""
-    return vote(solid_of(shape), [Pose(R, tall) for R, tall in stable_poses(shape)], clues)
+    return vote(solid_of(shape), [Pose(R, tall) for R, tall in stable_poses(shape)], clues, checkpoint)
 
 
 def stable_poses(shape: Mesh) -> list[tuple[NDArray[np.float64], float]]:

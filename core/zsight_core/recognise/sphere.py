@@ -12,10 +12,11 @@ from zsight_core.solid import solid_of
 if TYPE_CHECKING:
     from zsight_core.clues import Clues, Hypothesis
     from zsight_core.model import Sphere
+    from zsight_core.scene import Checkpoint
 
 __all__ = ["hypotheses"]
 
 
-def hypotheses(shape: Sphere, clues: Clues) -> list[Hypothesis]:
+def hypotheses(shape: Sphere, clues: Clues, checkpoint: Checkpoint) -> list[Hypothesis]:
     """Anywhere."""
-    return vote(solid_of(shape), [Pose(np.eye(3), shape.diameter, is_round=True)], clues)
+    return vote(solid_of(shape), [Pose(np.eye(3), shape.diameter, is_round=True)], clues, checkpoint)

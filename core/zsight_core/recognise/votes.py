@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
     from zsight_core.clues import Clues, Stand
     from zsight_core.model_bits import ModelBits
+    from zsight_core.scene import Checkpoint
     from zsight_core.solid import Solid
 
 __all__ = ["Pose", "vote", "warm_up"]
@@ -63,12 +64,13 @@ class Pose(NamedTuple):
     """True where turning it about the vertical changes nothing."""
 
 
-def vote(solid: Solid, poses: Sequence[Pose], clues: Clues) -> list[Hypothesis]:
+def vote(solid: Solid, poses: Sequence[Pose], clues: Clues, checkpoint: Checkpoint) -> list[Hypothesis]:
     """Where the solid may rest in one of the poses."""
     found: list[Hypothesis] = []
-    for pose in poses:
+    for number, pose in enumerate(poses):
         bits = model_bits(solid, pose.R, is_round=pose.is_round)
         for stand in clues.stands(pose.tall):
+            checkpoint("propose", number / len(poses))
             places = _places(bits, stand, clues, 1 if pose.is_round else YAWS)
             found += [_standing(pose, bits.below, stand, *place) for place in places.tolist()]
     return found
