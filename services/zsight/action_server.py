@@ -107,7 +107,10 @@ class Work(Protocol[Goal, Result]):
 
 @dataclass(eq=False)
 class GoalHandle(Generic[Goal, Result]):
-    """A goal on the server; ``notes`` is what is known so far, for an answer that must be given early."""
+    """A goal on the server.
+
+    ``notes`` and ``known`` are what is known so far, for an answer that must be given early.
+    """
 
     goal: Goal
     goal_id: str
@@ -119,6 +122,7 @@ class GoalHandle(Generic[Goal, Result]):
     stage: str = ""
     fraction: float = 0.0
     notes: dict[str, JsonValue] = field(default_factory=dict)
+    known: Result | None = None
     result: Result | None = None
     deadline_passed: bool = False
     requests: list[RawRequest] = field(default_factory=list)

@@ -28,7 +28,8 @@ from zsight.transforms import TransformBuffer, TransformUnknown
 from zsight_core import find as find_core
 from zsight_core import level
 from zsight_core import scene as scene_core
-from zsight_core.errors import CoreError
+from zsight_core.errors import Cancelled, CoreError
+from zsight_core.find import Answer
 from zsight_core.points import xyz
 from zsight_core.transform import transform_xyz
 from zsight_protocol.find_object import Capture, FindObjectGoal, FindObjectResult, ResultCode, Status
@@ -44,7 +45,7 @@ if TYPE_CHECKING:
     from zsight.action_server import GoalHandle
     from zsight.bus import Bus, Reader
     from zsight.object_catalogue import Catalogue
-    from zsight_core.find import Answer
+    from zsight_core.find import Detection
     from zsight_protocol.geometry import Region
 
 __all__ = ["FindObject", "Settings", "run"]
@@ -237,7 +238,8 @@ class FindObject:
         where = f"at stage {handle.stage}" if handle.stage else "while it waited for its turn"
         if handle.deadline_passed:
             words = f"deadline of {handle.goal.timeout:g} s passed {where}"
-            result = self._no_answer(ResultCode.NOT_FOUND, words, deadline_passed=True)
+            known = handle.known or self._no_answer(ResultCode.NOT_FOUND, "")
+            result = known.model_copy(update={"message": words, "deadline_passed": True})
         else:
             result = self._no_answer(ResultCode.CANCELLED, f"cancelled {where}")
         return result.model_copy(update={"report": {**self._about(handle.goal), **handle.notes}})
@@ -269,28 +271,38 @@ class FindObject:
             checkpoint=handle.checkpoint,
         )
         handle.notes |= {"supports": len(scene.supports), "segments": len(scene.segments)}
-        answer = finding.find(
-            points_of(cloud),
-            self._catalogue,
-            name,
-            scene=scene,
-            T_frame_camera=T_frame_camera,
-            region=goal.region,
-            maximum=goal.maximum,
-            checkpoint=handle.checkpoint,
-        )
+        sure: list[Detection] = []
+
+        def result_of(answer: Answer) -> FindObjectResult:
+            return finding.result_of(
+                answer,
+                self._catalogue,
+                scene=scene,
+                T_frame_camera=T_frame_camera,
+                stamp=cloud.header.stamp,
+                frame_id=frame,
+                finder=self._settings.name,
+                ids=self._ids(answer, cloud),
+                extrinsic=self._extrinsic(frame, cloud),
+            )
+
+        try:
+            answer = finding.find(
+                points_of(cloud),
+                self._catalogue,
+                name,
+                scene=scene,
+                T_frame_camera=T_frame_camera,
+                region=goal.region,
+                maximum=goal.maximum,
+                checkpoint=handle.checkpoint,
+                on_found=sure.append,
+            )
+        except Cancelled:
+            handle.known = result_of(Answer("found", tuple(sure), 1.0)) if sure else None
+            raise
         self._scenes.tell(scene, answer.explained)
-        result = finding.result_of(
-            answer,
-            self._catalogue,
-            scene=scene,
-            T_frame_camera=T_frame_camera,
-            stamp=cloud.header.stamp,
-            frame_id=frame,
-            finder=self._settings.name,
-            ids=self._ids(answer, cloud),
-            extrinsic=self._extrinsic(frame, cloud),
-        )
+        result = result_of(answer)
         if not result.objects and goal.region is not None and not _reaches(goal.region, cloud, T_frame_camera):
             result = _not_seen(result, goal.region, frame)
         return self._with_circumstances(result, handle, cloud, waited)

@@ -47,6 +47,7 @@ def find(
     region: Region | None = None,
     maximum: int = 1,
     checkpoint: Callable[[str, float], None],
+    on_found: Callable[[Detection], object] = lambda _: None,
 ) -> Answer:
     """Look for a type of the catalogue, with all its other types as rivals.
 
@@ -59,6 +60,7 @@ def find(
         region: only what lies inside.
         maximum: most objects; 0 for all.
         checkpoint: called often; raises Cancelled to stop.
+        on_found: called with each detection when it is sure.
     """
     from zsight_core import find as finder
 
@@ -74,6 +76,7 @@ def find(
         maximum=maximum or None,
         rivals=rivals,
         checkpoint=checkpoint,
+        on_found=on_found,
     )
     return verified(answer, points, scene)
 

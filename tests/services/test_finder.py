@@ -494,6 +494,27 @@ def test_the_deadline_is_kept(start: Callable[..., Stage]) -> None:
         start(oldest=30).client.find("toy_block", timeout=0.001)
 
 
+def test_what_was_found_before_the_deadline_is_told(
+    start: Callable[..., Stage], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    find = find_core.find
+
+    def overtaken(*arguments: Any, checkpoint: Any, on_found: Any, **options: Any) -> Any:
+        def found(detection: Any) -> None:
+            on_found(detection)
+            checkpoint.__self__.deadline = 0.0
+
+        return find(*arguments, checkpoint=checkpoint, on_found=found, **options)
+
+    monkeypatch.setattr(find_core, "find", overtaken)
+    stage = start(oldest=30)
+    stage.show()
+    with pytest.raises(DeadlinePassed) as late:
+        stage.client.find("any", maximum=0)
+    assert late.value.known is not None
+    assert [found.type for found in late.value.known.objects] == ["toy_block"]
+
+
 def test_a_goal_that_waits_for_its_cloud_can_be_cancelled(start: Callable[..., Stage]) -> None:
     stage = start(oldest=30)
     call = stage.client.start_find("toy_block", finder="finder")
