@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from zsight_core.scene import Scene
     from zsight_core.wholes import Cells
 
-__all__ = ["Clues", "Hypothesis", "Layer", "Piece", "Stand", "clues_of"]
+__all__ = ["Clues", "Hypothesis", "Piece", "Stand", "clues_of"]
 
 LEVEL = float(np.cos(np.radians(14.0)))
 """A patch whose mean normal is this near to up is flat: a top that may carry things."""
@@ -69,17 +69,6 @@ class Piece(NamedTuple):
     support: int
 
 
-class Layer(NamedTuple):
-    """A level patch: a top, or what is seen of it."""
-
-    points: NDArray[np.float64]
-    """(N, 3) metres in the support's frame."""
-    segment: int
-    """Label of the segment it is of, 0 for none."""
-    height: float
-    """Metres over the surface."""
-
-
 class Top(NamedTuple):
     """Where a patch reaches its height."""
 
@@ -123,8 +112,6 @@ class Clues:
     crests: list[Top]
     """Highest places of all patches, each once."""
     segments: list[Piece]
-    layers: list[Layer]
-    """All level patches."""
     depth: NDArray[np.float32]
     """(H, W) metres; 0 where nothing was measured."""
     pinhole: tuple[float, float, float, float]
@@ -187,7 +174,6 @@ def _collect(scene: Scene) -> Clues:
         carriers=[Stand(*top, seen=True) for top in _tops(cells) if _carries(cells, top)],
         crests=_crests(cells),
         segments=_segments(cells, scene.owner),
-        layers=_layers(cells, scene.owner),
         depth=view.depth,
         pinhole=view.pinhole,
         noise=scene.noise,
@@ -203,15 +189,6 @@ def _patches(cells: Cells) -> list[slice]:
 def _is_level(cells: Cells, patch: slice) -> bool:
     normal = cells.normals[patch].sum(axis=0)
     return bool(normal[2] > LEVEL * max(float(np.linalg.norm(normal)), 1e-9))
-
-
-def _layers(cells: Cells, owner: NDArray[np.int32]) -> list[Layer]:
-    """Level patches."""
-    return [
-        Layer(points, int(owner[k]), float(np.sort(points[:, 2])[len(points) // 2]))
-        for k, patch in enumerate(_patches(cells))
-        if len(points := cells.points[patch]) and _is_level(cells, patch)
-    ]
 
 
 def _tops(cells: Cells) -> list[Top]:
