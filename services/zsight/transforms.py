@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 __all__ = ["TransformBuffer", "TransformUnknown"]
 
+_WENT_BACK_NS = 5 * 10**9  # a transform this much older than the newest: a recording that is played went back
 _HISTORY_NS = 10 * 10**9  # how long a moving transform is remembered
 
 
@@ -41,9 +42,10 @@ class _Link:
     matrices: deque[NDArray[np.float64]] = field(default_factory=deque)
 
     def put(self, stamp_ns: int, T_parent_child: NDArray[np.float64]) -> None:
-        if self.times and stamp_ns < self.times[-1] - _HISTORY_NS:  # a recording that is played went back
-            self.times.clear()
-            self.matrices.clear()
+        if self.times and stamp_ns < self.times[-1] - _WENT_BACK_NS:
+            while self.times and self.times[-1] > stamp_ns:  # what was ahead is not known yet
+                self.times.pop()
+                self.matrices.pop()
         place = bisect.bisect_right(self.times, stamp_ns)
         self.times.insert(place, stamp_ns)
         self.matrices.insert(place, T_parent_child)

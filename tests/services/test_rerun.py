@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from zsight.bus import Bus
-    from zsight_protocol.find_object import FindObjectResult
+    from zsight_protocol.find_object import DetectedObject, FindObjectResult
 
     Join = Callable[[], Bus]
 
@@ -113,6 +113,11 @@ def test_a_type_that_is_gone_is_taken_from_the_recording(recorded: Recorded) -> 
     assert {row["regression"] for row in rerun(recorded.path, without)} == {""}
 
 
+def without_ids(result: FindObjectResult) -> list[DetectedObject]:
+    """What was found, without the names that tell a thing from others in the finder's memory."""
+    return [found.model_copy(update={"id": ""}) for found in result.objects]
+
+
 def moved(result: FindObjectResult, by: float) -> FindObjectResult:
     (found,) = result.objects
     place = found.pose.position
@@ -167,5 +172,5 @@ def test_after_a_seek_the_finder_answers_as_in_the_straight_run(recorded: Record
         for number in (2, 0, 1, 0, 2):
             control.seek((times[number] - opened.start_ns + 1000) / 1e9)
             expected = recorded.results[number]
-            assert find_in(client, expected.header.stamp).objects == expected.objects
+            assert without_ids(find_in(client, expected.header.stamp)) == without_ids(expected)
     playing.close()

@@ -139,3 +139,13 @@ def test_a_static_transform_holds_at_any_time() -> None:
     buffer = TransformBuffer()
     buffer.put(at(5, 1.0), static=True)
     assert buffer.lookup("world", "hand", 1)[0, 3] == 1.0
+
+
+def test_what_was_ahead_is_forgotten_when_a_recording_goes_back() -> None:
+    buffer = TransformBuffer()
+    for seconds in (20, 21, 30):
+        buffer.put(at(seconds, seconds))
+    buffer.put(at(22, 22.0))
+    with pytest.raises(TransformUnknown, match="after the newest"):
+        buffer.lookup("world", "hand", 25 * SECOND)
+    assert buffer.lookup("world", "hand", 21 * SECOND)[0, 3] == 21.0
