@@ -6,6 +6,7 @@ import logging
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from zsight.errors import ConnectionLost
 from zsight_protocol.codec import decode
 from zsight_protocol.errors import ProtocolError
 from zsight_protocol.health import Health
@@ -42,7 +43,10 @@ def ask_health(bus: Bus, timeout: float = 1.0) -> list[Health]:
 
 def present(bus: Bus) -> str:
     """Which processes of the cell are there, in words, for an error that misses one."""
-    beats = ask_health(bus)
+    try:
+        beats = ask_health(bus)
+    except ConnectionLost:
+        return "this process is cut off from the network"
     if not beats:
         return f"cell {bus.cell.namespace} is empty: start it with: zsight up"
     ready = bus.link.alive(bus.cell.alive("*", "*"), 1.0)

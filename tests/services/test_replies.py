@@ -11,7 +11,7 @@ from tests.services.waiting import DEADLINE
 from zsight.bus import Bus
 from zsight.bus.memory_link import MemoryLink
 from zsight.errors import ConnectionLost, DeadlinePassed
-from zsight.question import ask_question
+from zsight.question import ask_question, nobody
 from zsight_protocol.action import CancelCode, CancelRequest, CancelResponse
 from zsight_protocol.codec import encode
 
@@ -75,3 +75,8 @@ def test_who_answers_is_heard_although_another_is_silent(bus: Bus) -> None:
     bus.serve(bus.cell.cancel("loud"), lambda request: request.reply(encode(word)))
     answers = ask_question(bus, bus.cell.cancel("*"), CancelRequest(), CancelResponse, everyone=True, timeout=0.05)
     assert answers == [word]
+
+
+def test_an_error_that_tells_who_is_there_says_that_the_network_is_gone(bus: Bus, link: MemoryLink) -> None:
+    bus.serve(bus.cell.health("desk", "voxel"), lambda _: link.cut())
+    assert "cut off" in str(nobody(bus, bus.cell.cancel("finder")))
