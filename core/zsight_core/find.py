@@ -23,6 +23,7 @@ from zsight_core.recognise import votes
 from zsight_core.recognise.surface import surfaces
 from zsight_core.scene import Checkpoint, Scene, go_on, understand
 from zsight_core.solid import Solid, solid_of
+from zsight_core.symmetry import least_turned
 from zsight_core.transform import inverse
 
 if TYPE_CHECKING:
@@ -377,7 +378,7 @@ class _Search:
     ) -> Detection:
         hypothesis, evidence = candidate.hypothesis, candidate.evidence
         equals = _equivalents(candidate, candidates, solid_of(model.shape, coarse=True))
-        T = self._in_cloud(hypothesis)
+        T = self._least_turned(self._in_cloud(hypothesis), model, hypothesis.support)
         return Detection(
             type=model.name,
             score=candidate.probability,
@@ -394,6 +395,14 @@ class _Search:
             equivalents=tuple(self._in_cloud(equal.hypothesis) for equal in equals),
             runner_up=runner_up,
         )
+
+    def _least_turned(self, T: NDArray[np.float64], model: ObjectModel, support: int) -> NDArray[np.float64]:
+        """Of all poses in the cloud that look like T, the one turned least in the world, or else on its surface."""
+        known = self.scene.T_world_camera
+        R = (inverse(self.scene.supports[support].T_camera_support) if known is None else known)[:3, :3]
+        turned = T.copy()
+        turned[:3, :3] = T[:3, :3] @ least_turned(R @ T[:3, :3], model.shape)
+        return turned
 
     def _height_at(self, hypothesis: Hypothesis, reach: float) -> float:
         """Metres from the foot to the highest points of the segment here."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import product
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,7 +13,7 @@ from zsight_core.model import Box, Cylinder, Mesh, Shape, Sphere, Surface, size_
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = ["Symmetry", "symmetries_of"]
+__all__ = ["Symmetry", "least_turned", "symmetries_of"]
 
 ORDERS = (2, 3, 4, 5, 6, 8)
 """How many turns to a full one are tried on meshes."""
@@ -53,6 +54,37 @@ def symmetries_of(shape: Shape) -> tuple[Symmetry, ...]:
             return ()
 
 
+def least_turned(R: NDArray[np.float64], shape: Shape) -> NDArray[np.float64]:
+    """Which turn (3, 3) of the model, among those that leave its shape as it is, to put before R (3, 3).
+
+    Of all poses that look the same that one is told which is turned least against the frame of R. A mesh stays as it
+    is: it has a front and a back that its shape alone need not show.
+    """
+    if isinstance(shape, Mesh | Surface):
+        return np.eye(3)
+    if isinstance(shape, Sphere):
+        return R.T
+    orders = [symmetry.order for symmetry in symmetries_of(shape)]
+    turns = [
+        np.linalg.multi_dot(
+            [np.linalg.matrix_power(_turn(axis, max(orders[axis], 1)), powers[axis]) for axis in range(3)]
+        )
+        for powers in product(*(range(max(order, 1)) for order in orders))
+    ]
+    if 0 in orders:
+        turns = [turn @ _unwound(R @ turn, orders.index(0)) for turn in turns]
+    traces = [float(np.round(np.trace(R @ turn), 9)) for turn in turns]
+    best: NDArray[np.float64] = turns[int(np.argmax(traces))]
+    return best
+
+
+def _unwound(R: NDArray[np.float64], axis: int) -> NDArray[np.float64]:
+    """The turn (3, 3) about an axis of the model after which R (3, 3) turns least."""
+    j, k = (axis + 1) % 3, (axis + 2) % 3
+    angle = np.arctan2(R[j, k] - R[k, j], R[j, j] + R[k, k])
+    return _turn(axis, 2 * np.pi / angle) if abs(angle) > 1e-12 else np.eye(3)
+
+
 def _about(axis: int, order: int) -> Symmetry:
     x, y, z = _AXES[axis]
     return Symmetry((float(x), float(y), float(z)), order)
@@ -81,7 +113,7 @@ def _of_mesh(mesh: Mesh) -> tuple[Symmetry, ...]:
     return tuple(found)
 
 
-def _turn(axis: int, order: int) -> NDArray[np.float64]:
+def _turn(axis: int, order: float) -> NDArray[np.float64]:
     """R (3, 3) about an axis by a full turn over order."""
     c, s = np.cos(2 * np.pi / order), np.sin(2 * np.pi / order)
     j, k = (axis + 1) % 3, (axis + 2) % 3
