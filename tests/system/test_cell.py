@@ -229,7 +229,7 @@ def test_shared_memory_of_killed_processes_is_removed_by_the_next_that_starts(ce
     assert [path for path in held if path.exists()]
     with Command("run", "router", **cell.environment):
         assert soon(cell.is_listening, DEADLINE)
-        assert not [path for path in held if path.exists()]
+        assert soon(lambda: not any(path.exists() for path in held), DEADLINE)
 
 
 def test_a_service_whose_settings_make_no_sense_ends_the_start(cell: Cell) -> None:
