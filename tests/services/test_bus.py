@@ -167,10 +167,15 @@ def test_a_writer_without_attachment_is_read_and_not_counted(join: Join) -> None
 
 
 def test_a_late_reader_gets_the_last_value(join: Join) -> None:
-    sender, receiver = join(), join()
+    sender, early, receiver = join(), join(), join()
     writer = sender.writer(sender.cell.tf_static, TransformList)
+    present = early.reader(early.cell.tf_static, TransformList)
     writer.send(transforms("old"))
     writer.send(transforms("new"))
+    # Late is who comes when both are through: one on its way may reach who comes meanwhile, and then the other.
+    while (seen := present.take(DEADLINE)) is not None and children_of(seen.message) != ["new"]:
+        pass
+    assert seen is not None
     reader = receiver.reader(receiver.cell.tf_static, TransformList)
     received = reader.take(DEADLINE)
     assert received is not None
