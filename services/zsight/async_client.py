@@ -8,23 +8,22 @@ import functools
 import time
 from typing import TYPE_CHECKING, TypeVar, Unpack
 
+from zsight.async_services import AsyncCatalog, AsyncParameters, AsyncPlayer, AsyncRecorder
 from zsight.client import LOST_OR_BUSY, CellClient, answer_of, connect
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Callable, Iterator
 
     from zsight.action_client import GoalCall
-    from zsight.catalogue_client import Catalog, Lesson
     from zsight.client import Cloud, FindOptions
     from zsight.levelling import CameraLevel
     from zsight.merging import MergedAnswer
     from zsight_protocol.action import CancelResponse, Update
     from zsight_protocol.find_object import FindObjectResult
     from zsight_protocol.geometry import Plane
-    from zsight_protocol.object_type import Derived, ObjectType, Taught
     from zsight_protocol.point_cloud import PointCloud2
 
-__all__ = ["AsyncCatalog", "AsyncCellClient", "AsyncGoalCall", "connect_async"]
+__all__ = ["AsyncCellClient", "AsyncGoalCall", "connect_async"]
 
 T = TypeVar("T")
 
@@ -41,6 +40,7 @@ class AsyncCellClient:
         """Args: client, closed with this one."""
         self.client = client
         self.catalog = AsyncCatalog(client.catalog)
+        self.parameters = AsyncParameters(client.parameters)
 
     async def __aenter__(self) -> AsyncCellClient:
         """The client itself."""
@@ -86,6 +86,14 @@ class AsyncCellClient:
         """Names of all finders that are there."""
         return await asyncio.to_thread(self.client.finders)
 
+    def recorder(self, name: str = "*") -> AsyncRecorder:
+        """A recorder of the cell: start, stop and trigger recordings."""
+        return AsyncRecorder(self.client.recorder(name))
+
+    def player(self, name: str = "*") -> AsyncPlayer:
+        """A player of the cell: play, pause, step, seek."""
+        return AsyncPlayer(self.client.player(name))
+
     async def results(self, goal_id: str | None = None, *, finder: str = "*") -> list[Update[FindObjectResult]]:
         """How goals of the last minute stand or ended."""
         return await asyncio.to_thread(lambda: self.client.results(goal_id, finder=finder))
@@ -116,38 +124,6 @@ class AsyncCellClient:
         with contextlib.closing(self.client.clouds(key, timeout=timeout)) as clouds:  # type: ignore[type-var]  # a generator, which has close
             async for cloud in _in_threads(clouds):
                 yield cloud
-
-
-class AsyncCatalog:
-    """The object types that the finders of a cell know."""
-
-    def __init__(self, catalog: Catalog) -> None:
-        """Args: the catalogue that does the work."""
-        self._catalog = catalog
-
-    async def list(self) -> list[ObjectType]:
-        """All types."""
-        return await asyncio.to_thread(self._catalog.list)
-
-    async def get(self, name: str, version: int | None = None) -> ObjectType:
-        """One type by name or number, as it is or as it was in some version."""
-        return await asyncio.to_thread(self._catalog.get, name, version)
-
-    async def derived(self, name: str) -> Derived:
-        """What follows from the shape of a type."""
-        return await asyncio.to_thread(self._catalog.derived, name)
-
-    async def add(self, kind: ObjectType, mesh: bytes = b"") -> str:
-        """Add a type to every finder, or change the one of its name; what they say."""
-        return await asyncio.to_thread(self._catalog.add, kind, mesh)
-
-    async def teach(self, name: str, **lesson: Unpack[Lesson]) -> tuple[ObjectType, Taught]:
-        """Make a type of a thing that stands before a camera, and add it to every finder."""
-        return await asyncio.to_thread(lambda: self._catalog.teach(name, **lesson))
-
-    async def remove(self, name: str) -> str:
-        """Remove a type from every finder that knows it; what they say."""
-        return await asyncio.to_thread(self._catalog.remove, name)
 
 
 class AsyncGoalCall:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import socket
@@ -107,6 +108,16 @@ def test_a_topic_tells_losses_and_the_time_of_each_stage(running: tuple[Cell, Co
     node = cell.run("node", "info", "voxel", "--json").json
     assert [writer["key"] for writer in node["writers"] if "/@" not in writer["key"]] == [f"{points}/voxel"]
     assert cell.run("topic", "info", f"{cell.namespace}/elsewhere/points").code == 3
+
+
+def test_topics_are_looked_at_again_and_again(running: tuple[Cell, Command]) -> None:
+    cell, _ = running
+    points = f"{cell.namespace}/kinect/points"
+    looks = [json.loads(line) for line in cell.run("topic", "info", points, "--count", 2, "--json").out.splitlines()]
+    before, after = (look["writers"][0]["sent"] for look in looks)
+    assert after > before
+    lists = [json.loads(line) for line in cell.run("topic", "list", "--duration", 1.5, "--json").out.splitlines()]
+    assert [points in {topic["key"] for topic in one["topics"]} for one in lists] == [True, True]
 
 
 def test_the_block_is_found_over_the_network(running: tuple[Cell, Command]) -> None:

@@ -17,7 +17,7 @@ from zsight.cli.output import print_json, print_table, say
 from zsight.errors import DeadlinePassed, NobodyAnswers
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     from zsight.beats import Topic
     from zsight.bus import Bus, RawSample
@@ -32,36 +32,57 @@ app = typer.Typer(help="What travels, between whom, how fast.", no_args_is_help=
 
 _WORD = 1.0  # seconds between two words of a measurement that goes on
 
+_LOOK = 1.0  # seconds between two looks at who is there
+
 Key = Annotated[str, typer.Argument(metavar="KEY", help="A key, such as zsight/kinect/points.")]
 Count = Annotated[int, typer.Option("--count", min=1, help="Stop after so many messages.")]
 Duration = Annotated[float, typer.Option("--duration", min=0.01, help="Stop after so many seconds.")]
+Looks = Annotated[
+    int | None, typer.Option("--count", min=1, help="Look so many times, once a second; once if not given.")
+]
+LookingTime = Annotated[float | None, typer.Option("--duration", min=0.01, help="Go on looking for so many seconds.")]
 
 
 @app.command(name="list")
-def list_topics(json: Json = False, connect: Connect = None, namespace: Namespace = None) -> None:
+def list_topics(
+    count: Looks = None,
+    duration: LookingTime = None,
+    json: Json = False,
+    connect: Connect = None,
+    namespace: Namespace = None,
+) -> None:
     """All keys that are written or read."""
-    topics = _topics(connect, namespace)
-    if json:
-        print_json({"topics": [_topic_json(topic) for topic in topics]})
-        return
-    rows = [(t.key, _names(t.writers), _names(t.readers), _rate(t), _missed(t)) for t in topics]
-    print_table(["key", "writers", "readers", "rate", "lost"], rows)
+    for topics in _looks(count, duration, connect, namespace):
+        if json:
+            print_json({"topics": [_topic_json(topic) for topic in topics]})
+            continue
+        rows = [(t.key, _names(t.writers), _names(t.readers), _rate(t), _missed(t)) for t in topics]
+        print_table(["key", "writers", "readers", "rate", "lost"], rows)
 
 
 @app.command()
-def info(key: Key, json: Json = False, connect: Connect = None, namespace: Namespace = None) -> None:
+def info(
+    key: Key,
+    count: Looks = None,
+    duration: LookingTime = None,
+    json: Json = False,
+    connect: Connect = None,
+    namespace: Namespace = None,
+) -> None:
     """Writers and readers of a key, with host, process, rate, losses, and how long each stage takes."""
-    found = [topic for topic in _topics(connect, namespace) if topic.key == key]
-    if not found:
-        raise NobodyAnswers(f"nobody writes or reads {key}; see: zsight topic list")
-    if json:
-        print_json(_topic_json(found[0]))
-        return
-    for beat, writer in found[0].writers:
+    for topics in _looks(count, duration, connect, namespace):
+        found = next((topic for topic in topics if topic.key == key), None)
+        if found is None:
+            raise NobodyAnswers(f"nobody writes or reads {key}; see: zsight topic list")
+        print_json(_topic_json(found)) if json else _say_topic(found)
+
+
+def _say_topic(topic: Topic) -> None:
+    for beat, writer in topic.writers:
         say(
             f"written by {beat.host}/{beat.process}: {writer.sent} sent, {writer.rate_hz:.1f} Hz, {writer.bytes_per_second / 1e6:.1f} MB/s{_stage('sent', writer.since_stamp)}"
         )
-    for beat, reader in found[0].readers:
+    for beat, reader in topic.readers:
         age = "never" if reader.age_of_last is None else f"{reader.age_of_last:.2f} s ago"
         say(
             f"read by {beat.host}/{beat.process}: {reader.received} received, {reader.superseded} superseded, {reader.lost} lost, {reader.late} late, {reader.refused} refused, {reader.rate_hz:.1f} Hz, last {age}{_stage('on the way', reader.on_the_way, since='')}{_stage('decoded', reader.since_stamp)}"
@@ -242,13 +263,23 @@ def _count(key: str, count: int, duration: float, connect: str | None, namespace
     return seen
 
 
-def _topics(connect: str | None, namespace: str | None) -> list[Topic]:
+def _looks(
+    count: int | None, duration: float | None, connect: str | None, namespace: str | None
+) -> Iterator[list[Topic]]:
+    """What is written and read, again and again: so often, or so long, or once."""
     from zsight.beats import ask_health, topics_of
     from zsight.runtime import join
 
+    most = 1 if count is None and duration is None else count
     with join(network_of(connect, namespace)) as bus:
         _require_company(bus)
-        return topics_of(ask_health(bus))
+        start = time.monotonic()
+        for look in itertools.count():
+            due = start + look * _LOOK
+            if look == most or (duration is not None and due > start + duration):
+                return
+            bus.stopping.wait(max(due - time.monotonic(), 0.0))
+            yield topics_of(ask_health(bus))
 
 
 def _require_company(bus: Bus) -> None:
