@@ -13,6 +13,7 @@ from collections import deque
 from typing import TYPE_CHECKING
 
 from zsight.errors import ZsightError
+from zsight.log_flood import LogFlood
 from zsight_protocol.codec import decode, encode
 from zsight_protocol.errors import ProtocolError
 from zsight_protocol.log_event import LogEvent, LogTail
@@ -39,6 +40,7 @@ def start_logging(process: str) -> None:
     words = f"%(asctime)s %(levelname)-7s {process}: %(message)s"
     for handler in logging.getLogger().handlers:
         handler.setFormatter(_JsonLines(process) if as_json else logging.Formatter(words))
+        handler.addFilter(LogFlood())
     for talkative in ("numba", "asyncio", "zenoh"):
         logging.getLogger(talkative).setLevel("WARNING")
 
@@ -69,6 +71,7 @@ class LogBook(logging.Handler):
     def __init__(self, host: str, process: str) -> None:
         """Args: host and process whose events they are."""
         super().__init__()
+        self.addFilter(LogFlood())
         self._whose = (host, process)
         self._events: deque[LogEvent] = deque(maxlen=_KEPT)
         self._number = 0

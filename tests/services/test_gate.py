@@ -59,14 +59,6 @@ def test_a_seconds_worth_may_come_at_once_and_no_more(monkeypatch: pytest.Monkey
     assert through == [*requests[:3], requests[5]]
 
 
-def test_a_flood_is_logged_a_few_times(monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture) -> None:
-    monkeypatch.setattr(limits, "REQUESTS_PER_SECOND", 1.0)
-    gate = Gate(lambda _: None, Clock())
-    for _ in range(1001):
-        gate(Request())
-    assert [record.getMessage().split()[1] for record in caplog.records] == ["1", "10", "100", "1000"]
-
-
 def test_a_big_request_is_refused_by_any_server() -> None:
     network = MemoryNetwork()
     server, client = Bus(MemoryLink(network)), Bus(MemoryLink(network))

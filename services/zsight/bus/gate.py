@@ -27,7 +27,6 @@ class Gate:
         self._clock = clock
         self._room = limits.REQUESTS_PER_SECOND  # a second's worth may come at once
         self._seen = clock()
-        self._refused = 0
 
     def __call__(self, request: RawRequest) -> None:
         """Hand a request on, or refuse it; called on the link's thread alone."""
@@ -35,9 +34,7 @@ class Gate:
         if words is None:
             self._handler(request)
             return
-        self._refused += 1
-        if self._refused == 10 ** (len(str(self._refused)) - 1):  # who goes on must not fill the log
-            log.warning("refused %d requests on %s, the last: %s", self._refused, request.key, words)
+        log.warning("refused a request on %s: %s", request.key, words)
         request.refuse(words)
 
     def _objection(self, request: RawRequest) -> str | None:

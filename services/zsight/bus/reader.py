@@ -149,11 +149,7 @@ class Reader(Generic[M]):
 
     def _refuse(self, key: str, error: ProtocolError | str) -> None:
         self.counter.refused += 1
-        refused = self.counter.refused
-        if refused == 1:
-            log.warning("refused a message on %s: %s", key, error)
-        elif refused == 10 ** (len(str(refused)) - 1):  # a sender that goes on must not fill the log
-            log.warning("refused %d messages on %s, the last: %s", refused, key, error)
+        log.warning("refused a message on %s: %s", key, error)
 
     def _counted(self, decoded: tuple[Arrived, M, int]) -> Received[M]:
         arrived, message, size = decoded
