@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+import os
 import queue
 import re
 from dataclasses import dataclass
@@ -38,6 +39,9 @@ _SHARED_FROM = 64 * 1024  # smaller payloads travel faster inside a message than
 _OPEN_MS = 2000  # a call that takes longer is given up and tried anew: TCP would call ever less often by itself
 _LEASE_MS = 1000  # a silent link counts as cut after this long
 _NOBODY = "Unable to connect to any of"  # Zenoh's words for no answer; they repeat the endpoints
+_ROUTING = "(rx: (worker_threads: 32))"
+"""Zenoh's threads in a router that read from links: one that hands a message on to a link that has been cut waits, and
+while all wait, nobody notices that the link is silent. Zenoh's own number is 2."""
 _REFUSED = b"refused: "  # tells our servers' words from Zenoh's own error replies
 
 
@@ -69,6 +73,7 @@ def open_router(network: Network) -> ZenohLink:
     network.require_guarded()
     if network.open and not network.keys:
         log.warning("open to everybody who reaches %s: nobody is asked for a key", ", ".join(network.listen))
+    os.environ.setdefault("ZENOH_RUNTIME", _ROUTING)  # read once a process, with its first session
     try:
         return ZenohLink(zenoh.open(_config(network, "router")), Guard())
     except zenoh.ZError as error:
