@@ -5,9 +5,10 @@ from __future__ import annotations
 import heapq
 import mmap
 import struct
-import zlib
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Self
+
+from isal.isal_zlib import crc32
 
 from zsight.errors import UsageError
 from zsight.recording.compression import decompressed
@@ -137,7 +138,7 @@ class McapFile:
         if not len(MAGIC) < start < size:
             return False
         summary = self._view[start : size - len(MAGIC) - 4]
-        if crc and zlib.crc32(summary) != crc:
+        if crc and crc32(summary) != crc:
             self.damage = "the index does not fit its checksum"
             return False
         try:
@@ -284,7 +285,7 @@ class McapFile:
         data = decompressed(compression, fields.take(stored_size), size)
         if len(data) != size:
             raise ValueError(f"{len(data)} bytes came out; expected {size}")
-        if check and crc and zlib.crc32(data) != crc:
+        if check and crc and crc32(data) != crc:
             raise ValueError("its bytes do not fit its checksum")
         return self._entries(data)
 

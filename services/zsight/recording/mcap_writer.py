@@ -5,8 +5,9 @@ from __future__ import annotations
 import contextlib
 import os
 import struct
-import zlib
 from typing import TYPE_CHECKING
+
+from isal.isal_zlib import crc32
 
 from zsight.errors import UsageError
 from zsight.recording.compression import compressed
@@ -126,7 +127,7 @@ class McapWriter:
         crc = 0
         if self._crc:
             for part in chunk.parts:
-                crc = zlib.crc32(part, crc)
+                crc = crc32(part, crc)
         stored = compressed(compression, chunk.parts, chunk.size)
         stored_size = sum(map(len, stored))
         head = struct.pack("<QQQI", chunk.start, chunk.end, chunk.size, crc) + packed_text(compression)
@@ -266,7 +267,7 @@ class McapWriter:
             summary += body
             place += len(body)
         footer = struct.pack("<BQQQ", Opcode.FOOTER, 20, summary_start, place)
-        crc = zlib.crc32(footer, zlib.crc32(offsets, zlib.crc32(summary)))
+        crc = crc32(footer, crc32(offsets, crc32(summary)))
         return data_end + summary + offsets + footer + struct.pack("<I", crc) + MAGIC
 
 
