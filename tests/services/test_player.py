@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import itertools
-from typing import TYPE_CHECKING, Any
+import os
+from typing import TYPE_CHECKING, Any, cast
 
 import pytest
 from tests.services.recordings import START, cloud, follow, sample, transform
 from tests.services.running import running
 from tests.services.waiting import DEADLINE, soon
 
+from zsight.cli.player_keys import PlayerKeys
 from zsight.convert import points_of
 from zsight.errors import NobodyAnswers, RequestRefused, UsageError
 from zsight.recording import player, recorder
@@ -25,6 +27,7 @@ from zsight_protocol.recording import Clock, PlayerState, Playing
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
+    from typing import TextIO
 
     from zsight.bus import Bus
 
@@ -276,3 +279,38 @@ def test_what_no_row_knows_is_sent_as_it_came(join_memory: Join, tmp_path: Path)
     came = follow(there, "**")
     to_the_end(play(here, tmp_path / "a.mcap"))
     assert came.wait(2) == [("elsewhere/key", b"\x01\x02"), ("test/unknown/key", b"\x03")]
+
+
+# Keys.
+
+
+def test_keys_at_a_terminal_control_the_player(join_memory: Join, recorded: Path) -> None:
+    bus = join_memory()
+    playing = play(bus, recorded, paused=True)
+    keyboard, terminal = os.openpty()
+    with os.fdopen(terminal, "r+b", buffering=0) as stream, PlayerKeys(playing, cast("TextIO", stream)) as keys:
+
+        def typed(signs: str, happened: Callable[[PlayerState], bool]) -> bool:
+            os.write(keyboard, signs.encode())
+            return soon(lambda: happened(playing.state()))
+
+        assert typed("++-", lambda state: state.rate == 2.0)
+        assert typed("\x1b[C", lambda state: state.position == pytest.approx(1.0))
+        assert typed("\x1b[D", lambda state: state.position == 0.0)
+        sent = playing.state().sent
+        assert typed("x.", lambda state: state.sent > sent)
+        assert playing.state().state is Playing.PAUSED
+        assert typed(" ", lambda state: state.state in {Playing.PLAYING, Playing.ENDED})
+        assert not keys.ended
+        assert typed("q", lambda _: keys.ended)
+    os.close(keyboard)
+
+
+def test_keys_that_are_no_terminal_do_nothing(join_memory: Join, recorded: Path) -> None:
+    playing = play(join_memory(), recorded, paused=True)
+    read, write = os.pipe()
+    os.write(write, b"++q")
+    with os.fdopen(read) as stream, PlayerKeys(playing, stream) as keys:
+        assert not keys.is_on
+    os.close(write)
+    assert (playing.state().rate, keys.ended) == (1.0, False)

@@ -430,7 +430,7 @@ def rerun(
     if json:
         print_json({"file": str(file), "goals": rows, "regressions": regressions})
     elif rows:
-        headings = ("type", "then", "now", "moved (mm)", "turned (deg)", "score", "ms then", "ms now", "")
+        headings = ("type", "then", "now", "moved (mm)", "turned (deg)", "score", "ms then", "ms now", "new", "")
         print_table(headings, [_rerun_row(row) for row in rows])
     if not rows:
         raise UsageError(f"{file} holds no goal with its answer and its cloud: record all keys of the cell")
@@ -440,8 +440,8 @@ def rerun(
 def _rerun_row(row: dict[str, Any]) -> tuple[object, ...]:
     then = "-" if row["ms_then"] is None else f"{row['ms_then']:.0f}"
     differences = [f"{row[name]:.2f}" if name in row else "-" for name in ("moved_mm", "turned_deg", "score_change")]
-    times = (then, f"{row['ms_now']:.0f}")
-    return (row["object_type"], row["then"], row["now"], *differences, *times, row["regression"])
+    others = (then, f"{row['ms_now']:.0f}", row.get("new", "-"))
+    return (row["object_type"], row["then"], row["now"], *differences, *others, row["regression"])
 
 
 @contextlib.contextmanager

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 import select
 import sys
 import threading
@@ -14,21 +15,26 @@ from zsight_protocol.recording import PlayerRequest
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from typing import TextIO
 
     from zsight.recording.player import Player
 
 __all__ = ["PlayerKeys"]
 
 
+_KEYS = re.compile(r"\x1b\[[A-D]|.", re.DOTALL)  # an arrow, or one sign; several may have come at once
+
+
 class PlayerKeys:
     """Reads keys at a terminal while the block lasts; elsewhere does nothing."""
 
-    def __init__(self, player: Player) -> None:
-        """Args: the player that they control."""
+    def __init__(self, player: Player, terminal: TextIO | None = None) -> None:
+        """Args: the player that they control; where the keys come from, standard input if not given."""
         self._player = player
+        self._terminal = terminal or sys.stdin
         self._closed = False
         self.ended = False
-        self.is_on = sys.stdin.isatty() and sys.stderr.isatty()
+        self.is_on = self._terminal.isatty() and (terminal is not None or sys.stderr.isatty())
         self._thread = threading.Thread(target=self._read, name="keys", daemon=True)
 
     def __enter__(self) -> Self:
@@ -37,8 +43,8 @@ class PlayerKeys:
             import termios
             import tty
 
-            self._before = termios.tcgetattr(0)
-            tty.setcbreak(0)
+            self._before = termios.tcgetattr(self._terminal)
+            tty.setcbreak(self._terminal)
             self._thread.start()
         return self
 
@@ -49,12 +55,13 @@ class PlayerKeys:
             import termios
 
             self._thread.join()
-            termios.tcsetattr(0, termios.TCSADRAIN, self._before)
+            termios.tcsetattr(self._terminal, termios.TCSADRAIN, self._before)
 
     def _read(self) -> None:
         while not self._closed:
-            if select.select([0], [], [], 0.1)[0]:
-                self.press(os.read(0, 16).decode("ascii", "replace"))
+            if select.select([self._terminal], [], [], 0.1)[0]:
+                for key in _KEYS.findall(os.read(self._terminal.fileno(), 64).decode("ascii", "replace")):
+                    self.press(key)
 
     def press(self, key: str) -> None:
         """What a key does; an unknown one nothing."""

@@ -150,6 +150,8 @@ def compare(then: FindObjectResult, now: FindObjectResult, tolerance: Tolerance)
         "now": now.status.value,
         "found_then": len(then.objects),
         "found_now": len(now.objects),
+        "lost": lost,
+        "new": len(left),
         "moved_mm": moved_mm,
         "turned_deg": turned_deg,
         "score_change": score_change,
