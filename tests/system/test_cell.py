@@ -279,3 +279,21 @@ def test_a_snapshot_of_a_file_is_the_file(cell: Cell) -> None:
     for got, expected in zip((back.viewpoint,), (viewpoint,), strict=True):
         T = [from_quaternion(v[:3], (*v[4:], v[3])) for v in (got, expected)]
         np.testing.assert_allclose(T[0], T[1], atol=1e-6)
+
+
+def test_the_last_answer_is_bundled_from_what_the_recorder_keeps_in_memory(cell: Cell) -> None:
+    (cell.folder / "cell.toml").write_text(
+        "[process.router]\n[process.camera]\n[process.finder]\n"
+        f"[process.recorder]\nring = 20\nafter = 0.5\nfolder = '{cell.folder}'\n"
+    )
+    with cell.up(cell.folder / "cell.toml") as up:
+        up.children()
+        answer = cell.folder / "answer.mcap"
+        assert cell.run("find", "toy_block", "--json").json["status"] == "found"
+        ended = cell.run("bundle", "last", "-o", answer, "--json")
+        assert (ended.code, ended.json["object_type"], ended.json["status"]) == (0, "toy_block", "found")
+        (again,) = cell.run("bag", "rerun", answer, "--json").json["goals"]
+        assert (again["now"], again["regression"], again["new"]) == ("found", "", 0)
+        refused = cell.run("bundle", "last", "-o", answer)
+        assert refused.code == 2
+        assert "is there already" in refused.err

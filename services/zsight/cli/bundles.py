@@ -48,6 +48,8 @@ def last(
     """
     from zsight.recording.bundle import bundle
 
+    if output.exists():  # before the recorder gives away what it keeps in memory
+        raise UsageError(f"{output} is there already: choose another name, or remove it first")
     network = network_of(connect, namespace)
     report = bundle(source or _triggered(network), output, goal, network.namespace)
     if json:
