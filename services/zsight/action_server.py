@@ -77,6 +77,16 @@ class Policy:
     queue: int = 16
 
 
+class HasPolicy(Protocol):
+    """A policy, or settings with the same names: how many may wait is read anew for every goal."""
+
+    @property
+    def parallel(self) -> int: ...
+
+    @property
+    def queue(self) -> int: ...
+
+
 class Work(Protocol[Goal, Result]):
     """What an action does; one instance serves all goals, from several threads."""
 
@@ -158,7 +168,7 @@ class GoalHandle(Generic[Goal, Result]):
 class ActionServer(Generic[Goal, Result]):
     """Serves one action on the bus until it is closed."""
 
-    def __init__(self, bus: Bus, name: str, goal: type[Goal], work: Work[Goal, Result], policy: Policy) -> None:
+    def __init__(self, bus: Bus, name: str, goal: type[Goal], work: Work[Goal, Result], policy: HasPolicy) -> None:
         """Args: bus; name of this server in the keys; kind of its goals; what it does; how many at once."""
         self._name = name
         self._goal = goal

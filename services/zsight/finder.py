@@ -15,7 +15,7 @@ import numpy as np
 from pydantic import Field, JsonValue
 
 from zsight import finding, object_catalogue, teaching
-from zsight.action_server import ActionServer, Policy
+from zsight.action_server import ActionServer
 from zsight.catalogue_server import serve_catalogue
 from zsight.clocks import ask_clocks
 from zsight.convert import points_of
@@ -65,7 +65,9 @@ class Settings(ServiceSettings):
     camera: str = Field("kinect", description="camera whose clouds are searched")
     catalogue: str = Field("", description="folder of further object types (YAML files)")
     parallel: int = Field(1, ge=1, le=64, description="goals at work at once (1 to 64)")
-    queue: int = Field(16, ge=0, le=10000, description="goals that may wait; more are refused as busy (0 to 10000)")
+    queue: Live[int] = Field(
+        16, ge=0, le=10000, description="goals that may wait; more are refused as busy (0 to 10000)"
+    )
     oldest: Live[float] = Field(
         2.0, gt=0, le=3600, description="greatest age of a cloud that is searched, seconds (above 0, up to 3600)"
     )
@@ -95,7 +97,7 @@ def run(bus: Bus, settings: Settings) -> None:
     scene_core.warm_up()
     catalogue.models()
     work.start_reading()
-    server = ActionServer(bus, settings.name, FindObjectGoal, work, Policy(settings.parallel, settings.queue))
+    server = ActionServer(bus, settings.name, FindObjectGoal, work, settings)
     bus.ready()
     bus.stopping.wait()
     catalogue_server.close()

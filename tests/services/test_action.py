@@ -15,6 +15,7 @@ from zsight.action_client import GoalCall, cancel
 from zsight.action_server import ActionServer, Policy
 from zsight.client import CellClient
 from zsight.errors import DeadlinePassed, NobodyAnswers, RequestRefused, ServerLost, UsageError
+from zsight.finder import Settings
 from zsight_protocol.action import (
     CancelCode,
     GoalState,
@@ -30,6 +31,7 @@ from zsight_protocol.find_object import FindObjectGoal, FindObjectResult
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
+    from zsight.action_server import HasPolicy
     from zsight.bus import Bus, RawRequest, Reader
 
     Join = Callable[[], Bus]
@@ -38,7 +40,7 @@ if TYPE_CHECKING:
 class Bench:
     """One server and its clients."""
 
-    def __init__(self, join: Join, policy: Policy) -> None:
+    def __init__(self, join: Join, policy: HasPolicy) -> None:
         self.work = Gated()
         self.server_bus, self.client, self.watcher = join(), join(), join()
         self.feedback: Arrivals[Update[FindObjectResult]] = Arrivals()
@@ -84,6 +86,18 @@ def words(update: Update[FindObjectResult]) -> tuple[GoalState, str]:
 
 
 # Ends.
+
+
+def test_how_many_may_wait_is_read_anew_for_every_goal(join_memory: Join) -> None:
+    settings = Settings(queue=0)
+    bench = Bench(join_memory, settings)
+    bench.executing()
+    assert words(bench.send().wait()) == (GoalState.REJECTED, "busy")
+    settings.queue = 1
+    waits = bench.send()
+    bench.work.gate.set()
+    assert waits.wait().state is GoalState.SUCCEEDED
+    bench.close()
 
 
 def test_a_goal_is_accepted_executed_and_answered(bench: Bench) -> None:

@@ -17,6 +17,7 @@ from zsight.errors import UsageError, ZsightError
 from zsight.recording.opening import open_recording
 from zsight.recording.playback import Playback
 from zsight.recording.stamp_shift import shifted
+from zsight.settings import Live
 from zsight.settings import Settings as ServiceSettings
 from zsight_protocol.channels import Delivery
 from zsight_protocol.codec import decode, encode
@@ -59,9 +60,11 @@ class Settings(ServiceSettings):
     topics: str = Field("", description="regular expression that a key or topic must contain")
     exclude: str = Field("", description="regular expression that a key or topic must not contain")
     remap: str = Field("", description="OLD=NEW, spaces between: keys without namespace, or topics, that go elsewhere")
-    stamps: Stamps = Field(Stamps.KEPT, description="stamps in headers: kept, or moved to now")
+    stamps: Live[Stamps] = Field(Stamps.KEPT, description="stamps in headers: kept, or moved to now")
     clock: bool = Field(False, description="tell the recording's time on the key clock")
-    housekeeping: bool = Field(False, description="send health and other keys that begin with @ as well")
+    housekeeping: Live[bool] = Field(
+        False, description="send health and other keys that begin with @ as well, of what is opened next"
+    )
 
 
 def run(bus: Bus, settings: Settings) -> None:

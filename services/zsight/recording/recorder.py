@@ -6,19 +6,19 @@ import logging
 import threading
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from pydantic import Field
 
 from zsight.bus.memory_link import matches
 from zsight.errors import UsageError, ZsightError
 from zsight.recording.capture import Capture, KeyChoice
-from zsight.recording.compression import require_choice
 from zsight.recording.depth_coder import DepthCoder
 from zsight.recording.disk_writer import DiskPolicy, DiskWriter, OnFull
 from zsight.recording.file_series import Split
 from zsight.recording.memory_ring import MemoryRing
 from zsight.recording.recording_file import row_of
+from zsight.settings import Live
 from zsight.settings import Settings as ServiceSettings
 from zsight_protocol.channels import Delivery
 from zsight_protocol.codec import decode, encode
@@ -42,34 +42,34 @@ _MEBIBYTE = 1 << 20
 
 
 class Settings(ServiceSettings):
-    """Settings of the recorder service."""
+    """Settings of the recorder service; what changes while it runs holds from the next recording on."""
 
     name: str = Field("recorder", description="name of the recorder in the keys")
-    folder: str = Field(".", description="where recordings go that are started without a path")
+    folder: Live[str] = Field(".", description="where recordings go that are started without a path")
     start: bool = Field(False, description="begin a recording at once, and not only when asked")
     keys: str = Field("", description="key expressions, spaces between; everything of the cell if not given")
     include: str = Field("", description="regular expression that a key must contain")
     exclude: str = Field("", description="regular expression that a key must not contain")
-    compression: str = Field(
+    compression: Live[Literal["auto", "none", "lz4", "zstd"]] = Field(
         "auto", description="none, lz4, zstd; auto: the smallest that keeps up, by measured speed, chunk by chunk"
     )
-    depth_coded: bool = Field(
+    depth_coded: Live[bool] = Field(
         False, description="write clouds of depth cameras as depth and colour images where they come back within 0.1 mm"
     )
-    split_size: float = Field(0, ge=0, description="MiB after which another file begins; 0: never")
-    split_time: float = Field(0, ge=0, description="seconds after which another file begins; 0: never")
-    keep: int = Field(0, ge=0, description="files that are kept where a recording is split; 0: all")
-    on_full: OnFull = Field(
+    split_size: Live[float] = Field(0, ge=0, description="MiB after which another file begins; 0: never")
+    split_time: Live[float] = Field(0, ge=0, description="seconds after which another file begins; 0: never")
+    keep: Live[int] = Field(0, ge=0, description="files that are kept where a recording is split; 0: all")
+    on_full: Live[OnFull] = Field(
         OnFull.STOP, description="when the disk is full: stop; wait until there is room; drop the oldest file"
     )
-    reserve: float = Field(64, ge=0.25, description="MiB of the disk that are left free (0.25 or more)")
-    memory: float = Field(512, gt=0, description="MiB that may wait to be written before messages are dropped")
+    reserve: Live[float] = Field(64, ge=0.25, description="MiB of the disk that are left free (0.25 or more)")
+    memory: Live[float] = Field(512, gt=0, description="MiB that may wait to be written before messages are dropped")
     ring: float = Field(
         0, ge=0, le=3600, description="seconds that are kept in memory for a trigger; 0: none (up to 3600)"
     )
     ring_memory: float = Field(1024, gt=0, description="MiB that those seconds may take")
-    after: float = Field(5, ge=0, le=3600, description="seconds that are recorded after a trigger (0 to 3600)")
-    trigger_failed_find: bool = Field(False, description="trigger when a find ends without the object")
+    after: Live[float] = Field(5, ge=0, le=3600, description="seconds that are recorded after a trigger (0 to 3600)")
+    trigger_failed_find: Live[bool] = Field(False, description="trigger when a find ends without the object")
     trigger_key: str = Field("", description="trigger when a message comes on this key expression")
 
 
@@ -91,7 +91,6 @@ class Recorder:
         """Args: bus; settings."""
         self._bus = bus
         self._settings = settings
-        self._policy = _policy(settings)
         self._default = _choice(bus, settings)
         self._lock = threading.RLock()
         self._disk: DiskWriter | None = None
@@ -180,7 +179,7 @@ class Recorder:
                 place,
                 self._bus.cell.namespace,
                 about,
-                self._policy,
+                _policy(self._settings),
                 in_force=list(self._in_force.values()),
                 coded=DepthCoder() if self._settings.depth_coded else lambda _, message: message,
                 begin_ns=kept[0].received_ns if kept else None,
@@ -315,7 +314,7 @@ def _policy(settings: Settings) -> DiskPolicy:
         on_full=settings.on_full,
         reserve=int(settings.reserve * _MEBIBYTE),
         memory=int(settings.memory * _MEBIBYTE),
-        compression=require_choice(settings.compression),
+        compression=settings.compression,
     )
 
 
