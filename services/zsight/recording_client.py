@@ -31,7 +31,7 @@ class RecorderClient:
         self._key = bus.cell.recorder(name)
 
     def start(self, path: str = "", keys: tuple[str, ...] = ()) -> RecorderState:
-        """Begin a recording: on the recorder's host, at a path or one of its choice; of its keys or of these."""
+        """Begin a recording at a path in the recorder's folder or one of its choice, of its keys or of these."""
         return self._ask(RecorderRequest(action="start", path=path, keys=keys))
 
     def stop(self) -> RecorderState:

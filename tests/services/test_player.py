@@ -94,9 +94,9 @@ def test_every_message_comes_once_in_order_as_it_was(join: Join, recorded: Path)
 
 def test_record_play_record_is_the_same(join_memory: Join, recorded: Path, tmp_path: Path) -> None:
     here, there = join_memory(), join_memory()
-    with running(recorder.run, there, recorder.Settings(reserve=0.25)):
+    with running(recorder.run, there, recorder.Settings(folder=str(tmp_path), reserve=0.25)):
         control = RecorderClient(here)
-        control.start(str(tmp_path / "again.mcap"))
+        control.start("again.mcap")
         to_the_end(play(here, recorded, rate=20))
         assert soon(lambda: control.status().messages == 2 * COUNT + 2)
         control.stop()

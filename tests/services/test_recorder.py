@@ -105,6 +105,11 @@ def test_a_recorder_says_no_with_its_reason(join_memory: Join, tmp_path: Path) -
         with pytest.raises(RequestRefused, match="recorded already"):
             control.start(str(tmp_path / "b.mcap"))
         control.stop()
+        (tmp_path / "away").symlink_to(tmp_path.parent)
+        for outside in ("../b.mcap", "/b.mcap", "away/b.mcap"):
+            with pytest.raises(RequestRefused, match=f"{outside} is not in the recorder's folder"):
+                control.start(outside)
+        assert not (tmp_path.parent / "b.mcap").exists()
         with pytest.raises(RequestRefused, match="there already"):
             control.start(str(tmp_path / "a.mcap"))
 

@@ -66,7 +66,7 @@ def record(join: Join, path: Path) -> Recorded:
     moving = test.writer(test.cell.tf, TransformList)
     client, control = CellClient(join()), RecorderClient(test)
     with (
-        running(recorder.run, join(), recorder.Settings(reserve=0.25)),
+        running(recorder.run, join(), recorder.Settings(folder=str(path.parent), reserve=0.25)),
         running(finder.run, join(), finder.Settings()),
     ):
         began = control.start(str(path))

@@ -45,7 +45,7 @@ class Settings(ServiceSettings):
     """Settings of the recorder service; what changes while it runs holds from the next recording on."""
 
     name: str = Field("recorder", description="name of the recorder in the keys")
-    folder: Live[str] = Field(".", description="where recordings go that are started without a path")
+    folder: str = Field(".", description="where recordings go; what is asked over the network stays in it")
     start: bool = Field(False, description="begin a recording at once, and not only when asked")
     keys: str = Field("", description="key expressions, spaces between; everything of the cell if not given")
     include: str = Field("", description="regular expression that a key must contain")
@@ -299,13 +299,28 @@ class Recorder:
     def _do(self, wanted: RecorderRequest) -> RecorderState:
         match wanted.action:
             case "start":
-                return self.start(wanted.path, wanted.keys)
+                return self.start(_inside(self._settings.folder, wanted.path), wanted.keys)
             case "stop":
                 return self.stop()
             case "trigger":
                 return self.trigger()
             case _:
                 return self.state()
+
+
+def _inside(folder: str, path: str) -> str:
+    """A path that came over the network, in the folder; empty where none came.
+
+    Raises:
+        UsageError: it leads out of the folder.
+    """
+    if not path:
+        return ""
+    home = Path(folder).expanduser().resolve()
+    place = (home / path).resolve()
+    if not place.is_relative_to(home):
+        raise UsageError(f"{path} is not in the recorder's folder {home}: give a name in it")
+    return str(place)
 
 
 def _policy(settings: Settings) -> DiskPolicy:
