@@ -15,6 +15,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from bench_row import row
 from cancelling import cancel_waits
 
 from zsight.client import CellClient
@@ -53,11 +54,11 @@ def run() -> list[dict[str, Any]]:
 def _overhead_rows(bare: list[float], action: list[float]) -> list[dict[str, Any]]:
     pairs = statistics.median(a - b for a, b in zip(action, bare, strict=True))
     return [
-        _row("action p50", statistics.median(action), peer="bare query p50", peer_value=statistics.median(bare)),
-        _row("action p99", _p99(action), peer="bare query p99", peer_value=_p99(bare)),
-        _row("overhead p50", statistics.median(action) - statistics.median(bare), target=1.0),
-        _row("overhead p99", _p99(action) - _p99(bare), target=3.0),
-        _row("overhead, median of pairs", pairs, target=1.0),
+        row("action p50", statistics.median(action), peer="bare query p50", peer_value=statistics.median(bare)),
+        row("action p99", _p99(action), peer="bare query p99", peer_value=_p99(bare)),
+        row("overhead p50", statistics.median(action) - statistics.median(bare), target=1.0),
+        row("overhead p99", _p99(action) - _p99(bare), target=3.0),
+        row("overhead, median of pairs", pairs, target=1.0),
     ]
 
 
@@ -80,8 +81,8 @@ def _interleaved(cell: CellClient) -> tuple[list[float], list[float]]:
 
 def _kill_rows(waits: list[float]) -> list[dict[str, Any]]:
     return [
-        _row("killed finder noticed, median", statistics.median(waits), target=150.0),
-        _row("killed finder noticed, worst", max(waits), target=150.0),
+        row("killed finder noticed, median", statistics.median(waits), target=150.0),
+        row("killed finder noticed, worst", max(waits), target=150.0),
     ]
 
 
@@ -110,10 +111,10 @@ def _crowd_rows(ends: list[list[float]]) -> list[dict[str, Any]]:
     done = [sum(end <= half for end in client) for client in ends]
     fairness = sum(done) ** 2 / (len(done) * sum(count**2 for count in done))
     return [
-        _row("goals of 20 clients at once that succeeded", len(every), "of 1000", target=1000, least=True),
-        _row("the last of them ended after", every[-1] * 1e3),
-        _row("fairness when half were done (Jain)", fairness, "", target=None),
-        _row("first client ready / last client ready", min(map(max, ends)) / max(map(max, ends)), ""),
+        row("goals of 20 clients at once that succeeded", len(every), "of 1000", target=1000, least=True),
+        row("the last of them ended after", every[-1] * 1e3),
+        row("fairness when half were done (Jain)", fairness, "", target=None),
+        row("first client ready / last client ready", min(map(max, ends)) / max(map(max, ends)), ""),
     ]
 
 
@@ -147,39 +148,15 @@ def _crowd(endpoint: str) -> list[list[float]]:
 def _cancel_rows(waits: list[float]) -> list[dict[str, Any]]:
     within = sum(wait <= 50.0 for wait in waits) / len(waits)
     return [
-        _row("cancelled find has stopped, median", statistics.median(waits), target=50.0),
-        _row("cancelled find has stopped, p99", _p99(waits), target=50.0),
-        _row("cancelled find has stopped, worst", max(waits), target=None),
-        _row("cancelled finds stopped within 50 ms", within * 100, "%"),
+        row("cancelled find has stopped, median", statistics.median(waits), target=50.0),
+        row("cancelled find has stopped, p99", _p99(waits), target=50.0),
+        row("cancelled find has stopped, worst", max(waits), target=None),
+        row("cancelled finds stopped within 50 ms", within * 100, "%"),
     ]
 
 
 def _p99(values: list[float]) -> float:
     return sorted(values)[int(0.99 * (len(values) - 1))]
-
-
-def _row(
-    name: str,
-    value: float,
-    unit: str = "ms",
-    *,
-    peer: str | None = None,
-    peer_value: float | None = None,
-    target: float | None = None,
-    least: bool = False,
-) -> dict[str, Any]:
-    holds = None if target is None else value >= target if least else value <= target
-    ratio = None if peer_value is None else value / peer_value
-    return {
-        "name": name,
-        "value": value,
-        "unit": unit,
-        "peer": peer,
-        "peer_value": peer_value,
-        "ratio": ratio,
-        "target": target,
-        "holds": holds,
-    }
 
 
 def _start(*arguments: str) -> subprocess.Popen[bytes]:

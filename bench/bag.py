@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from bench_row import row
 
 from zsight.bus import Bus
 from zsight.bus.attachment import Attachment
@@ -56,12 +57,6 @@ def run() -> list[dict[str, Any]]:
         return [*throughput(place), *keeping_up(place), *playing(place), *seeking(place), *crashing(place)]
     finally:
         shutil.rmtree(place)
-
-
-def row(name: str, value: float, unit: str, target: float | None, *, least: bool, **more: Any) -> dict[str, Any]:
-    holds = None if target is None else (value >= target if least else value <= target)
-    return {"name": name, "value": value, "unit": unit, "peer": None, "peer_value": None, "ratio": None,
-            "target": target, "holds": holds, **more}  # fmt: skip
 
 
 def view(seed: int = 0) -> PointCloud2:

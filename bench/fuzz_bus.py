@@ -18,6 +18,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
+from bench_row import print_rows, row
 from bus_processes import _tell, cell, member
 from hypothesis import Phase, given, settings
 
@@ -88,11 +89,7 @@ def _rows(
         ("greatest growth of a process", max(grown.values()) / 2**20, "MiB", 8.0),
     ]
     about = {"fates": total, "growth_mib": {name: round(size / 2**20, 2) for name, size in grown.items()}}
-    return [
-        {"name": name, "value": round(float(value), 3), "unit": unit, "peer": None, "peer_value": None, "ratio": None}
-        | {"target": target, "holds": value <= target, **about}
-        for name, value, unit, target in figures
-    ]
+    return [row(*figure, **about) for figure in figures]
 
 
 def _start(stack: ExitStack, network: Network) -> dict[str, subprocess.Popen[bytes]]:
@@ -269,8 +266,7 @@ def main() -> None:
     if arguments.json:
         print(json.dumps({"rows": rows}))
         return
-    for row in rows:
-        print(f"{row['name']:32} {row['value']:10} {row['unit']:12} target {row['target']} {row['holds']}")
+    print_rows(rows)
     print(rows[0]["fates"], rows[0]["growth_mib"], f"{time.monotonic() - started:.0f} s")
 
 

@@ -24,6 +24,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from bench_row import print_rows, row
 from network_hosts import Hosts, why_not
 
 from zsight.bus import Bus
@@ -307,18 +308,8 @@ def _rows(name: str, figures: list[tuple[float, float, float]]) -> Iterator[dict
 
 
 def _row(name: str, values: Sequence[float], target: float | None) -> dict[str, Any]:
-    worst = max(values)
-    return {
-        "name": f"{name}, worst of {len(values)}",
-        "value": round(worst, 3),
-        "median": round(float(np.median(values)), 3),
-        "unit": "s",
-        "peer": None,
-        "peer_value": None,
-        "ratio": None,
-        "target": target,
-        "holds": None if target is None else worst <= target,
-    }
+    median = round(float(np.median(values)), 3)
+    return row(f"{name}, worst of {len(values)}", max(values), "s", target, median=median)
 
 
 if __name__ == "__main__":
@@ -330,5 +321,4 @@ if __name__ == "__main__":
     if options.json:
         print(json.dumps({"rows": measured}))
     else:
-        for row in measured:
-            print(f"{row['name']}: {row['value']} s (median {row['median']}), target {row['target']}")
+        print_rows(measured)

@@ -14,6 +14,7 @@ from time import process_time
 from typing import Any
 
 import numpy as np
+from bench_row import row
 
 WIDTH, HEIGHT = 4000, 2500
 SECONDS, MEGABYTES = 20.0, 2000.0
@@ -35,24 +36,10 @@ def _measured(kind: str) -> dict[str, float]:
 def _rows(kind: str, figures: dict[str, float]) -> list[dict[str, Any]]:
     name = f"large clouds {WIDTH * HEIGHT / 1e6:g} M points {kind}"
     return [
-        _row(f"{name} scene and find CPU", figures["seconds"], "s", SECONDS),
-        _row(f"{name} memory beside the cloud", figures["beside_mb"], "MB", MEGABYTES),
-        _row(f"{name} position error", figures["error_mm"], "mm", None),
+        row(f"{name} scene and find CPU", figures["seconds"], "s", SECONDS),
+        row(f"{name} memory beside the cloud", figures["beside_mb"], "MB", MEGABYTES),
+        row(f"{name} position error", figures["error_mm"], "mm", None),
     ]
-
-
-def _row(name: str, value: float, unit: str, target: float | None) -> dict[str, Any]:
-    holds = None if target is None else value <= target
-    return {
-        "name": name,
-        "value": round(value, 3),
-        "unit": unit,
-        "peer": None,
-        "peer_value": None,
-        "ratio": None,
-        "target": target,
-        "holds": holds,
-    }
 
 
 def measure(kind: str) -> dict[str, float]:

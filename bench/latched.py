@@ -9,6 +9,7 @@ from contextlib import ExitStack
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from bench_row import print_rows, row
 from bus_processes import cell, member, router
 
 if TYPE_CHECKING:
@@ -38,19 +39,7 @@ def run(tries: int = 30) -> list[dict[str, Any]]:
                 if received is None:
                     raise TimeoutError(f"no latched value came within {_PATIENCE:g} s")
     figures = [("median", float(np.median(times)), None), ("longest", max(times), _TARGET)]
-    return [
-        {
-            "name": f"late reader has a latched value, {word}",
-            "value": round(value, 3),
-            "unit": "ms",
-            "peer": None,
-            "peer_value": None,
-            "ratio": None,
-            "target": target,
-            "holds": None if target is None else value <= target,
-        }
-        for word, value, target in figures
-    ]
+    return [row(f"late reader has a latched value, {word}", value, "ms", target) for word, value, target in figures]
 
 
 def latch(pipe: Connection, network: Network) -> None:
@@ -75,8 +64,7 @@ def main() -> None:
     if arguments.json:
         print(json.dumps({"rows": rows}))
         return
-    for row in rows:
-        print(f"{row['name']:48} {row['value']:8} {row['unit']} target {row['target']} {row['holds']}")
+    print_rows(rows)
 
 
 if __name__ == "__main__":

@@ -13,6 +13,7 @@ from contextlib import ExitStack
 from typing import Any
 
 import numpy as np
+from bench_row import print_rows, row
 from bus_processes import Member, asker, burner, cell, member, reader, router, server, writer
 from progress import tell
 
@@ -85,8 +86,7 @@ def _rows(soak: _Soak, grown: dict[str, int], burners: int) -> list[dict[str, An
     rows: list[dict[str, Any]] = []
 
     def add(name: str, value: float, unit: str, target: float | None, **more: Any) -> None:
-        row = {"name": name, "value": round(value, 3), "unit": unit, "peer": None, "peer_value": None, "ratio": None}
-        rows.append({**row, "target": target, "holds": None if target is None else value <= target, **more})
+        rows.append(row(name, value, unit, target, **more))
 
     for name, counts in soak.counts.items():
         fates = {kind: counts[kind] for kind in ("received", "superseded", "lost", "late", "refused")}
@@ -116,12 +116,7 @@ def main() -> None:
     if arguments.json:
         print(json.dumps({"rows": rows}))
         return
-    for row in rows:
-        print(f"{row['name']:44} {row['value']:10} {row['unit']:16} target {row['target']} {row['holds']}")
-        print(
-            "   ",
-            {kind: row[kind] for kind in ("received", "superseded", "lost", "late", "refused", "p99") if kind in row},
-        )
+    print_rows(rows)
 
 
 if __name__ == "__main__":

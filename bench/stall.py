@@ -11,6 +11,7 @@ from contextlib import ExitStack
 from typing import Any
 
 import numpy as np
+from bench_row import print_rows, row
 from bus_processes import Member, burner, cell, member, reader, router, writer
 
 _SETTLE = 2.0  # seconds before and after
@@ -59,21 +60,7 @@ def _rows(
         ("oldest cloud after SIGCONT", max(ages), "ms", 100.0),
         ("growth of router, camera or other reader in the last two thirds", max(grown) / 2**20, "MiB", 2.0),
     ]
-    return [
-        {
-            "name": name,
-            "value": round(value, 3),
-            "unit": unit,
-            "peer": None,
-            "peer_value": None,
-            "ratio": None,
-            "target": target,
-            "holds": None if target is None else value <= target,
-            "other": got,
-            "stopped": slow,
-        }
-        for name, value, unit, target in figures
-    ]
+    return [row(*figure, other=got, stopped=slow) for figure in figures]
 
 
 def main() -> None:
@@ -88,8 +75,7 @@ def main() -> None:
     if arguments.json:
         print(json.dumps({"rows": rows}))
         return
-    for row in rows:
-        print(f"{row['name']:64} {row['value']:10} {row['unit']:8} target {row['target']} {row['holds']}")
+    print_rows(rows)
     print(rows[0]["other"], rows[0]["stopped"])
 
 
