@@ -70,7 +70,7 @@ class PlayerKeys:
             with contextlib.suppress(ZsightError):
                 meaning()
 
-    def _meanings(self) -> dict[str, Callable[[], None]]:
+    def _meanings(self) -> dict[str, Callable[[], object]]:
         return {
             " ": lambda: self._player.do(PlayerRequest(action="toggle")),
             ".": lambda: self._player.do(PlayerRequest(action="step")),

@@ -13,20 +13,19 @@ from typing import TYPE_CHECKING, Any
 from pydantic import Field
 
 from zsight.bus.attachment import Attachment, new_writer_id
-from zsight.errors import UsageError, ZsightError
+from zsight.errors import UsageError
+from zsight.recording.control import Control
 from zsight.recording.opening import open_recording
 from zsight.recording.playback import Playback
 from zsight.recording.stamp_shift import shifted
 from zsight.settings import Live
 from zsight.settings import Settings as ServiceSettings
 from zsight_protocol.channels import Delivery
-from zsight_protocol.codec import decode, encode
-from zsight_protocol.errors import ProtocolError
 from zsight_protocol.message import Header, Time
 from zsight_protocol.recording import Clock, PlayerRequest, PlayerState, Playing
 
 if TYPE_CHECKING:
-    from zsight.bus import Bus, RawRequest, Writer
+    from zsight.bus import Bus, Writer
     from zsight.recording.playback import Ready
     from zsight.recording.played import Line, Recorded
 
@@ -99,8 +98,9 @@ class Player:
         self._outlets: dict[str, _Outlet] = {}
         self._clock = bus.writer(bus.cell.clock, Clock) if settings.clock else None
         self._next_clock = 0.0
-        self._status = bus.writer(bus.cell.player_status(settings.name), PlayerState)
-        self._server = bus.serve(bus.cell.player(settings.name), self._asked)
+        asked = (bus.cell.player(settings.name), PlayerRequest)
+        told = (bus.cell.player_status(settings.name), PlayerState)
+        self._control = Control(bus, asked, told, self.do, self.state)
         self.tell()
 
     def open(self, path: str) -> None:
@@ -157,7 +157,7 @@ class Player:
 
     def close(self) -> None:
         """Stop playing."""
-        self._server.close()
+        self._control.close()
         with self._lock:
             self._close_recording()
 
@@ -213,37 +213,22 @@ class Player:
 
     def tell(self) -> None:
         """Tell everybody how it stands."""
-        try:
-            self._status.send(self.state())
-        except ZsightError as error:
-            log.debug("not told: %s", error)
+        self._control.tell()
 
-    def _asked(self, request: RawRequest) -> None:
-        # Opening and seeking read files, and this is the link's own thread.
-        threading.Thread(target=self._answer, args=(request,), name="request", daemon=True).start()
-
-    def _answer(self, request: RawRequest) -> None:
-        try:
-            self.do(decode(PlayerRequest, request.payload))
-            state = self.state()
-        except (ZsightError, ProtocolError) as error:
-            log.warning("refused a request: %s", error)
-            state = self.state().model_copy(update={"ok": False, "message": str(error)})
-        request.reply(encode(state))
-        request.close()
-        self.tell()
-
-    def do(self, wanted: PlayerRequest) -> None:
-        """Do what a request asks.
+    def do(self, wanted: PlayerRequest) -> PlayerState:
+        """Do what a request asks; how it stands afterwards.
 
         Raises:
             UsageError: something is missing in it, or no recording is open.
         """
         if wanted.action == "open":
             self.open(wanted.path)
-            return
-        if wanted.action == "status":
-            return
+        elif wanted.action != "status":
+            self._steer(wanted)
+            self.tell()
+        return self.state()
+
+    def _steer(self, wanted: PlayerRequest) -> None:
         playback, recording = self.playback, self._recording
         if playback is None or recording is None:
             raise UsageError("no recording is open: open one first")

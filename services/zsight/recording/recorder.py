@@ -13,6 +13,7 @@ from pydantic import Field
 from zsight.bus.memory_link import matches
 from zsight.errors import UsageError, ZsightError
 from zsight.recording.capture import Capture, KeyChoice
+from zsight.recording.control import Control
 from zsight.recording.depth_coder import DepthCoder
 from zsight.recording.disk_writer import DiskPolicy, DiskWriter, OnFull
 from zsight.recording.file_series import Split
@@ -21,14 +22,14 @@ from zsight.recording.recording_file import row_of
 from zsight.settings import Live
 from zsight.settings import Settings as ServiceSettings
 from zsight_protocol.channels import Delivery
-from zsight_protocol.codec import decode, encode
+from zsight_protocol.codec import decode
 from zsight_protocol.errors import ProtocolError
 from zsight_protocol.find_object import FindObjectResult, ResultCode
 from zsight_protocol.message import Header, Time
 from zsight_protocol.recording import KeyLoss, RecorderRequest, RecorderState, Recording
 
 if TYPE_CHECKING:
-    from zsight.bus import Bus, RawRequest
+    from zsight.bus import Bus
     from zsight.recording.sample import Sample
     from zsight_protocol.action import Update
 
@@ -101,16 +102,17 @@ class Recorder:
         self._trigger: str | None = None
         self._in_force: dict[tuple[str, int], Sample] = {}
         self._capture: Capture | None = None
-        self._status = bus.writer(bus.cell.recorder_status(settings.name), RecorderState)
-        self._server = bus.serve(bus.cell.recorder(settings.name), self._asked)
+        asked = (bus.cell.recorder(settings.name), RecorderRequest)
+        told = (bus.cell.recorder_status(settings.name), RecorderState)
+        self._control = Control(bus, asked, told, self._do, self.state)
         if self._ring is not None:
             self._read(self._default)
-        self._tell()
+        self._control.tell()
 
     def close(self) -> None:
         """Stop recording, and reading."""
         self.stop()
-        self._server.close()
+        self._control.close()
         if self._capture is not None:
             self._capture.close()
 
@@ -130,7 +132,7 @@ class Recorder:
             self._ends = None
             if self._ring is None:
                 self._read(choice)
-        self._tell()
+        self._control.tell()
         return self.state()
 
     def stop(self) -> RecorderState:
@@ -148,7 +150,7 @@ class Recorder:
             self._last = self._state_of(disk, Recording.ARMED if self._ring is not None else Recording.IDLE)
             self._closing = None
             log.info("recorded %d messages to %s", disk.messages, ", ".join(map(str, disk.series.files)))
-        self._tell()
+        self._control.tell()
         return self.state()
 
     def trigger(self, why: str = "asked") -> RecorderState:
@@ -165,7 +167,7 @@ class Recorder:
             elif self._ends is not None:  # triggered again while it records: that much longer
                 self._ends = time.monotonic() + self._settings.after
             log.info("triggered: %s", why)
-        self._tell()
+        self._control.tell()
         return self.state()
 
     def _open(self, path: str, choice: KeyChoice) -> None:
@@ -240,7 +242,7 @@ class Recorder:
                 self.stop()
         except ZsightError as error:
             log.warning("%s", error)
-        self._tell()
+        self._control.tell()
 
     def state(self) -> RecorderState:
         """How it stands."""
@@ -275,26 +277,6 @@ class Recorder:
             in_memory=0.0 if self._ring is None else self._ring.seconds,
             files=len(disk.series.files),
         )
-
-    def _tell(self) -> None:
-        try:
-            self._status.send(self.state())
-        except ZsightError as error:
-            log.debug("not told: %s", error)
-
-    def _asked(self, request: RawRequest) -> None:
-        # Closing a file takes a while, and this is the link's own thread.
-        threading.Thread(target=self._answer, args=(request,), name="request", daemon=True).start()
-
-    def _answer(self, request: RawRequest) -> None:
-        try:
-            wanted = decode(RecorderRequest, request.payload)
-            state = self._do(wanted)
-        except (ZsightError, ProtocolError) as error:
-            log.warning("refused a request: %s", error)
-            state = self.state().model_copy(update={"ok": False, "message": str(error)})
-        request.reply(encode(state))
-        request.close()
 
     def _do(self, wanted: RecorderRequest) -> RecorderState:
         match wanted.action:
