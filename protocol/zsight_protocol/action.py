@@ -89,7 +89,10 @@ Result = TypeVar("Result", bound=Message)
 
 
 class Update(Message, Generic[Result]):
-    """One message of the stream that answers a goal; the last one is final and carries the result."""
+    """One message of the stream that answers a goal; the last one is final and carries the result.
+
+    ``stage`` is what is being done, ``fraction`` how far the whole is.
+    """
 
     goal_id: GoalId
     state: State

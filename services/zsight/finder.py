@@ -20,6 +20,7 @@ from zsight.catalogue_server import serve_catalogue
 from zsight.clocks import ask_clocks
 from zsight.convert import points_of
 from zsight.errors import ConnectionLost, UsageError, ZsightError
+from zsight.find_progress import FindProgress
 from zsight.scene_cache import SceneCache
 from zsight.settings import Live
 from zsight.settings import Settings as ServiceSettings
@@ -32,7 +33,7 @@ from zsight_core.errors import Cancelled, CoreError
 from zsight_core.find import Answer
 from zsight_core.points import xyz
 from zsight_core.transform import transform_xyz
-from zsight_protocol.find_object import Capture, FindObjectGoal, FindObjectResult, ResultCode, Status
+from zsight_protocol.find_object import ANY_TYPE, Capture, FindObjectGoal, FindObjectResult, ResultCode, Status
 from zsight_protocol.geometry import TransformList
 from zsight_protocol.message import Header, Time
 from zsight_protocol.object_type import CatalogAnswer, Teaching
@@ -266,11 +267,12 @@ class FindObject:
         handle.notes["stamp_ns"] = cloud.header.stamp.ns
         frame, T_frame_camera = self._frame_for(handle, cloud)
         name = self._catalogue.wanted(goal.object_type)
+        progress = FindProgress(handle.checkpoint, len(self._catalogue.models()) if name == ANY_TYPE else 1)
         scene = self._scenes.of(
             cloud,
             T_world_camera=self._gravity(cloud),
             known_height=goal.known_height,
-            checkpoint=handle.checkpoint,
+            checkpoint=progress,
         )
         handle.notes |= {"supports": len(scene.supports), "segments": len(scene.segments)}
         sure: list[Detection] = []
@@ -297,7 +299,7 @@ class FindObject:
                 T_frame_camera=T_frame_camera,
                 region=goal.region,
                 maximum=goal.maximum,
-                checkpoint=handle.checkpoint,
+                checkpoint=progress,
                 on_found=sure.append,
             )
         except Cancelled:

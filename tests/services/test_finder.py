@@ -503,7 +503,7 @@ def test_what_was_found_before_the_deadline_is_told(
     def overtaken(*arguments: Any, checkpoint: Any, on_found: Any, **options: Any) -> Any:
         def found(detection: Any) -> None:
             on_found(detection)
-            checkpoint.__self__.deadline = 0.0
+            checkpoint._checkpoint.__self__.deadline = 0.0  # the goal's
             checkpoint("verify", 1.0)
 
         return find(*arguments, checkpoint=checkpoint, on_found=found, **options)
