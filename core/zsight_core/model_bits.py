@@ -43,10 +43,13 @@ class ModelBits(NamedTuple):
     """Metres from the model's origin to its farthest bit, seen from above."""
     below: float
     """Metres from the model's origin down to its foot."""
-    points: NDArray[np.float64]
-    """(M, 3) metres, spread over the surface."""
-    normals: NDArray[np.float64]
-    """(M, 3) outward."""
+    samples: NDArray[np.float64]
+    """(M, 7) points spread over the surface, metres, outward normals, and the products of both."""
+
+    @property
+    def lookup(self) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64], float]:
+        """What votes need."""
+        return self.start, self.xy, self.azimuth, self.reach
 
 
 class _Bits(NamedTuple):
@@ -69,16 +72,15 @@ def _model_bits(vertices: bytes, faces: bytes, rotation: bytes, is_round: bool) 
     triangles = corners[np.frombuffer(faces, np.int32).reshape(-1, 3)]
     surface, rim = _scattered(triangles), _rim(triangles)
     some = np.linspace(0, len(surface.points) - 1, min(len(surface.points), SAMPLES)).astype(np.int64)
-    samples = _Bits(surface.points[some], surface.ways[some])
+    along = (surface.points[some] * surface.ways[some]).sum(axis=1)
+    samples = np.column_stack([surface.points[some], surface.ways[some], along])
     if is_round:
         surface, rim = _meridian(surface), _meridian(rim)
     key, bits, layers = _sorted(surface, rim)
     start = np.searchsorted(key, np.arange(layers * KINDS + 1))
     reach = float(np.linalg.norm(corners[:, :2], axis=1).max()) + SPACING
     azimuth = np.arctan2(bits.ways[:, 1], bits.ways[:, 0])
-    return ModelBits(
-        start, np.ascontiguousarray(bits.points[:, :2]), azimuth, layers, reach, below, samples.points, samples.ways
-    )
+    return ModelBits(start, np.ascontiguousarray(bits.points[:, :2]), azimuth, layers, reach, below, samples)
 
 
 def _sorted(surface: _Bits, rim: _Bits) -> tuple[NDArray[np.int64], _Bits, int]:

@@ -28,7 +28,7 @@ EDGE_BIAS = 0.7
 """Pixels; how far off all outline samples together may be."""
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def fit(  # noqa: C901  one compiled loop over pixels; splitting it would pass a dozen numbers around
     depth: NDArray[np.float32],
     pinhole: tuple[float, float, float, float],
@@ -176,7 +176,7 @@ def fit(  # noqa: C901  one compiled loop over pixels; splitting it would pass a
     return T, marginal
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _move(T: NDArray[np.float64], change: NDArray[np.float64]) -> None:
     """Shift and turn a pose on the surface about its own centre, in place."""
     c, s = np.cos(change[3]), np.sin(change[3])

@@ -150,7 +150,7 @@ def compare_many(
     return [Evidence(*row) for row in counts.tolist()]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _count_many(
     depth: NDArray[np.float32],
     pinhole: tuple[float, float, float, float],
@@ -176,7 +176,7 @@ def _count_many(
     return counts
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _count(  # noqa: C901  one compiled loop over pixels; splitting it would pass a dozen numbers around
     depth: NDArray[np.float32],
     pinhole: tuple[float, float, float, float],
@@ -289,7 +289,7 @@ def _count(  # noqa: C901  one compiled loop over pixels; splitting it would pas
     return counts
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _states(
     depth: NDArray[np.float32],
     w: NDArray[np.float64],
@@ -327,7 +327,7 @@ def _states(
     return state
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _spread_what_hides(state: NDArray[np.int8]) -> None:
     """What is a little nearer and hangs together with what is much nearer is of the same thing in front; in place."""
     rows, columns = state.shape
@@ -345,7 +345,7 @@ def _spread_what_hides(state: NDArray[np.int8]) -> None:
                         break
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _middle(blocks: NDArray[np.float64]) -> float:
     """Absolute median of the blocks' mean residuals, weighted by pixels; blocks (N, 3): pixels, sum, squares."""
     means, weights, total = np.empty(len(blocks)), np.empty(len(blocks)), 0.0
