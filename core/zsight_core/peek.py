@@ -44,6 +44,7 @@ def best_places(
     T_optical_support: NDArray[np.float64],
     samples: NDArray[np.float64],
     places: NDArray[np.float64],
+    full: float,
     base: float,
     noise: float,
     most: int,
@@ -57,6 +58,7 @@ def best_places(
         samples: (M, 7) points of the model's surface, x and y from its origin, z from its foot, metres; outward
             normals; and the products of both.
         places: (N, 3) x and y on the support (m) and yaw (rad).
+        full: turn about the vertical after which the model looks as before, rad.
         base: height of the model's foot over the support, metres.
         noise: standard deviation of 1 / z, 1/m.
         most: places returned at most.
@@ -81,8 +83,8 @@ def best_places(
             continue
         again = False
         for q in range(count):
-            turn = abs(kept[q, 2] - yaw) % (2 * np.pi)
-            turn = min(turn, 2 * np.pi - turn)
+            turn = abs(kept[q, 2] - yaw) % full
+            turn = min(turn, full - turn)
             if turn < SAME_TURN and abs(kept[q, 0] - x) < SAME_PLACE and abs(kept[q, 1] - y) < SAME_PLACE:
                 again = True
         if not again:
@@ -177,4 +179,4 @@ def _peek(
 def warm_up() -> None:
     """Compile the kernels (or load them from their cache)."""
     depth, samples, places = np.ones((4, 4), np.float32), np.zeros((1, 7)), np.zeros((1, 3))
-    best_places(depth, (1.0, 1.0, 0.0, 0.0), np.eye(4), samples, places, 0.0, 1e-3, 1)
+    best_places(depth, (1.0, 1.0, 0.0, 0.0), np.eye(4), samples, places, 1.0, 0.0, 1e-3, 1)

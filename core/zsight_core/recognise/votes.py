@@ -81,7 +81,9 @@ def vote(solid: Solid, poses: Sequence[Pose], clues: Clues, checkpoint: Checkpoi
         for first in range(0, len(stands), STANDS_AT_ONCE):
             checkpoint("propose", number / len(poses))
             some = stands[first : first + STANDS_AT_ONCE]
-            found += _standing(pose, bits, some, *_places(bits, some, clues, 1 if pose.is_round else YAWS))
+            found += _standing(
+                pose, bits, some, *_places(bits, some, clues, 1 if pose.is_round else YAWS // bits.order)
+            )
     return found
 
 
@@ -95,6 +97,7 @@ def _places(
         np.array([stand.support for stand in stands]),
         np.array([(stand.base, *stand.low, *stand.high) for stand in stands]),
         yaws,
+        bits.order,
         clues.depth,
         clues.pinhole,
         np.array(clues.frames),
@@ -125,7 +128,7 @@ def warm_up() -> None:
     start, point, depth = np.zeros(KINDS + 1, np.int64), np.zeros((1, 2)), np.ones((4, 4), np.float32)
     bits = (np.zeros((1, 3)), one, kind, kind, start, point, one, 0.1)
     number, frames, samples = np.zeros(1, np.int64), np.eye(4)[np.newaxis], np.zeros((1, 7))
-    _propose(*bits, number, stand, 1, depth, (1.0, 1.0, 0.0, 0.0), frames, samples, 1e-3)
+    _propose(*bits, number, stand, 1, 1, depth, (1.0, 1.0, 0.0, 0.0), frames, samples, 1e-3)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -141,13 +144,17 @@ def _propose(
     supports: NDArray[np.int64],
     stands: NDArray[np.float64],
     yaws: int,
+    order: int,
     depth: NDArray[np.float32],
     pinhole: tuple[float, float, float, float],
     frames: NDArray[np.float64],
     samples: NDArray[np.float64],
     noise: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Places (N, 3) and their stands (N,); stands (S, 5) are base, low x y, high x y (m) over supports (S,)."""
+    """Places (N, 3) and their stands (N,); stands (S, 5) are base, low x y, high x y (m) over supports (S,).
+
+    Yaws are steps of the turn, a full one over order, after which the model looks as before.
+    """
     lows, highs = stands[:, 1:3] - BEYOND * reach, stands[:, 3:5] + BEYOND * reach
     most = 0
     for s in range(len(stands)):
@@ -156,19 +163,22 @@ def _propose(
     votes, twice = np.empty(most, np.int16), np.empty(most, np.int32)
     taken = np.zeros(most, np.bool_)
     places, numbers = np.empty((PROPOSED * len(stands), 3)), np.empty(PROPOSED * len(stands), np.int64)
+    yaw_of = np.empty(_TURNS, np.int64)
+    for fine in range(_TURNS):
+        yaw_of[fine] = (fine * yaws * order + _TURNS // 2) // _TURNS % yaws
+    full = 2 * np.pi / order
     count = 0
     for s in range(len(stands)):
         columns, rows = _cells(lows[s], highs[s])
         board = votes[: yaws * rows * columns].reshape(yaws, rows, columns)
         base, low, high = stands[s, 0], lows[s], highs[s]
-        again = _vote(
-            points, azimuth, kind, over, supports[s], base, start, xy, model_azimuth, low, high, reach, board, twice
-        )
+        model = start, xy, model_azimuth, reach, yaw_of
+        again = _vote(points, azimuth, kind, over, supports[s], base, *model, low, high, board, twice)
         peaks = _peaks(board, twice[:again], taken[: yaws * rows * columns].reshape(yaws, rows, columns))
         for i in range(len(peaks)):
             peaks[i, 0], peaks[i, 1] = low[0] + peaks[i, 0] * CELL, low[1] + peaks[i, 1] * CELL
-            peaks[i, 2] *= 2 * np.pi / yaws
-        best = best_places(depth, pinhole, frames[supports[s]], samples, peaks, base, noise, PROPOSED)
+            peaks[i, 2] *= full / yaws
+        best = best_places(depth, pinhole, frames[supports[s]], samples, peaks, full, base, noise, PROPOSED)
         for i in range(len(best)):
             places[count], numbers[count] = best[i], s
             count += 1
@@ -192,9 +202,10 @@ def _vote(
     start: NDArray[np.int64],
     xy: NDArray[np.float64],
     model_azimuth: NDArray[np.float64],
+    reach: float,
+    yaw_of: NDArray[np.int64],
     low: NDArray[np.float64],
     high: NDArray[np.float64],
-    reach: float,
     votes: NDArray[np.int16],
     twice: NDArray[np.int32],
 ) -> int:
@@ -204,7 +215,7 @@ def _vote(
         How many cells were voted for more than once; their numbers are in twice.
     """
     votes[:] = 0
-    yaws, rows, columns = votes.shape
+    rows, columns = votes.shape[1:]
     cells = votes.reshape(-1)
     layers, count = (len(start) - 1) // KINDS, 0
     for i in range(len(points)):
@@ -223,9 +234,7 @@ def _vote(
             x, y = px - (c * xy[j, 0] - s * xy[j, 1]), py - (s * xy[j, 0] + c * xy[j, 1])
             if not (0 <= x < columns and 0 <= y < rows):
                 continue
-            yaw = (fine * yaws + _TURNS // 2) // _TURNS
-            yaw -= yaws if yaw == yaws else 0
-            cell = (yaw * rows + int(y)) * columns + int(x)
+            cell = (yaw_of[fine] * rows + int(y)) * columns + int(x)
             cells[cell] += 1
             if cells[cell] == 2:
                 twice[count] = cell
