@@ -100,7 +100,7 @@ def _places(
         bits.order,
         clues.depth,
         clues.pinhole,
-        np.array(clues.frames),
+        clues.stacked,
         bits.samples,
         clues.noise,
     )
