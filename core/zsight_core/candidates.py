@@ -6,6 +6,7 @@ that all queries share it.
 
 from __future__ import annotations
 
+from math import log
 from typing import TYPE_CHECKING, NamedTuple
 from weakref import WeakKeyDictionary
 
@@ -17,15 +18,15 @@ from zsight_core.clues import Clues, Hypothesis, clues_of
 from zsight_core.model import Mesh, size_of
 from zsight_core.overlap import shared
 from zsight_core.recognise import hypotheses
-from zsight_core.score import logit_of, probability_of
+from zsight_core.score import logit_of, probability
 from zsight_core.solid import Solid, solid_of
+from zsight_core.verify import Evidence
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from zsight_core.model import ObjectModel, Shape
     from zsight_core.scene import Checkpoint, Scene
-    from zsight_core.verify import Evidence
 
 __all__ = ["Candidate", "Candidates", "Counts", "Trials", "near", "rank_of", "warm_up"]
 
@@ -37,6 +38,12 @@ HANDICAP = 1.5
 
 QUICK_PIXELS = 200
 """Raster of a quick look at a hypothesis."""
+
+QUICK_TOLERANCE = 0.008
+"""Metres in depth, besides noise, by which it may be off."""
+
+TOLERANCE = 0.002
+"""The same of a fitted pose."""
 
 LOOKS_AT_ONCE = 200
 """Quick looks between two checkpoints."""
@@ -89,6 +96,8 @@ class Candidate(NamedTuple):
     information: NDArray[np.float64]
     """(4, 4) of x, y, height and yaw."""
     probability: float
+    logit: float
+    """Logarithm of the odds, wherever it stands."""
 
 
 class Trials(NamedTuple):
@@ -143,79 +152,57 @@ class Candidates:
         solid = solid_of(model.shape)
         first = solid if isinstance(model.shape, Mesh) else solid_of(model.shape, coarse=True)
         rough = self._fitted(first, best, pixels=300, steps=ROUGH_STEPS, look=800)
-        rough = [candidate for candidate in rough if logit_of(candidate.evidence) > LIKELY]
+        rough = [candidate for candidate in rough if candidate.logit > LIKELY]
         chosen = _best_few_of_each_place(rough, min(size_of(model.shape)))
         tried = self._fitted(solid, chosen, pixels=900, steps=8, look=4000)
-        kept = [self._polished(solid, c) for c in _one_a_place(tried, solid_of(model.shape, coarse=True))]
+        kept = self._polished(solid, _one_a_place(tried, solid_of(model.shape, coarse=True)))
         return Trials(tried, kept), Counts(len(guesses), len(best))
 
+    def _polished(self, solid: Solid, candidates: list[Candidate]) -> list[Candidate]:
+        """Fitted once more: the first fit may have come from too far for its finest steps to catch every face."""
+        doubtful = [candidate.hypothesis for candidate in candidates if candidate.probability >= DOUBTFUL]
+        better = iter(self._fitted(solid, doubtful, pixels=3000, steps=14, look=4000))
+        return [next(better) if candidate.probability >= DOUBTFUL else candidate for candidate in candidates]
+
     def _fitted(self, solid: Solid, guesses: list[Hypothesis], pixels: int, steps: int, look: int) -> list[Candidate]:
-        found = []
-        for number, guess in enumerate(guesses):
-            if number % FITS_AT_ONCE == 0:
-                self.checkpoint("refine", number / len(guesses))
-            found.append(self._fit(solid, guess, pixels, steps, look))
+        found: list[Candidate] = []
+        for first in range(0, len(guesses), FITS_AT_ONCE):
+            self.checkpoint("refine", first / len(guesses))
+            found += self._fit(solid, guesses[first : first + FITS_AT_ONCE], pixels, steps, look)
         return found
 
-    def _polished(self, solid: Solid, candidate: Candidate) -> Candidate:
-        """Fitted once more: the first fit may have come from too far for its finest steps to catch every face."""
-        if candidate.probability < DOUBTFUL:
-            return candidate
-        return self._fit(solid, candidate.hypothesis, pixels=3000, steps=14, look=4000)
-
-    def _fit(self, solid: Solid, guess: Hypothesis, pixels: int, steps: int, look: int) -> Candidate:
-        view = self.scene.view
-        loose = np.array([0.03, 0.03, _play(guess), 0.5 if guess.turns else 1e-5])
-        T_optical_support, footing = self.clues.frames[guess.support], _footing(guess)
-        shape = (solid.vertices, solid.faces, solid.edges, T_optical_support)
-        T, information = refine.fit(
-            view.depth,
-            view.pinhole,
-            *shape,
-            guess.T_support_model,
-            footing,
-            loose,
-            self.scene.noise,
-            steps,
-            pixels,
-        )
+    def _fit(self, solid: Solid, guesses: list[Hypothesis], pixels: int, steps: int, look: int) -> list[Candidate]:
+        view, frames = self.scene.view, self.clues.stacked
+        shape = solid.vertices, solid.faces, solid.edges
+        supports, T, footings = _columns(guesses)
+        loose = np.array([(0.03, 0.03, _play(guess), 0.5 if guess.turns else 1e-5) for guess in guesses])
+        scene = view.depth, view.pinhole, *shape, frames, supports
+        T, information = refine.fit(*scene, T, footings, loose, self.scene.noise, steps, pixels)
         noise = self.scene.noise if steps > ROUGH_STEPS else max(self.scene.noise, ROUGH_NOISE)
-        evidence = verify.compare(view.depth, view.pinhole, *shape, T, footing, noise, most=look)
-        fitted = guess._replace(T_support_model=T)
-        return Candidate(fitted, evidence, information, _probability(fitted, evidence))
+        counts = verify.compare(*scene, T, footings, noise, look, TOLERANCE)
+        rows = zip(guesses, T, information, counts.tolist(), strict=True)
+        return [_candidate(guess._replace(T_support_model=T), Evidence(*row), matrix) for guess, T, matrix, row in rows]
 
     def _most_promising(self, model: ObjectModel, guesses: list[Hypothesis]) -> list[Hypothesis]:
         """A quick look at each hypothesis; the best few of each place."""
         view, rough = self.scene.view, solid_of(model.shape, coarse=True)
-        ranked: list[tuple[float, int]] = []
+        shape = rough.vertices, rough.faces, rough.edges
+        promises = []
         for first in range(0, len(guesses), LOOKS_AT_ONCE):
             self.checkpoint("look", first / len(guesses))
-            some = guesses[first : first + LOOKS_AT_ONCE]
-            looks = verify.compare_many(
-                view.depth,
-                view.pinhole,
-                rough.vertices,
-                rough.faces,
-                rough.edges,
-                np.array(self.clues.frames),
-                np.array([guess.T_support_model for guess in some]),
-                np.array([_footing(guess) for guess in some]),
-                np.array([guess.support for guess in some]),
-                self.scene.noise,
-                most=QUICK_PIXELS,
-                tolerance=0.008,
+            supports, T, footings = _columns(guesses[first : first + LOOKS_AT_ONCE])
+            scene = view.depth, view.pinhole, *shape, self.clues.stacked, supports
+            promises.append(
+                verify.look(*scene, T, footings, self.scene.noise, QUICK_PIXELS, QUICK_TOLERANCE, PROMISING)
             )
-            for number, look in enumerate(looks, first):
-                if look.match >= 12 and look.agreement > 0.5 and _promise(look) > PROMISING:
-                    ranked.append((-_promise(look), number))
-        ranked.sort()
-        promising = [(-rank, guesses[number]) for rank, number in ranked]
-        return _best_of_each_place(promising, min(size_of(model.shape)))
+        ranks = np.concatenate([np.zeros(0), *promises])
+        order = np.argsort(-ranks, kind="stable")[: int((ranks > PROMISING).sum())]
+        return _best_of_each_place([(float(ranks[k]), guesses[k]) for k in order], min(size_of(model.shape)))
 
 
 def rank_of(candidate: Candidate) -> float:
     """For poses at one place: odds, and how much of what is seen is explained; else a mug would hide its handle."""
-    return logit_of(candidate.evidence) + EXPLAINED * float(np.log(max(candidate.evidence.match, 1.0)))
+    return candidate.logit + EXPLAINED * log(max(candidate.evidence.match, 1.0))
 
 
 def near(a: Hypothesis, b: Hypothesis, metres: float, degrees: float) -> bool:
@@ -236,20 +223,25 @@ def _play(guess: Hypothesis) -> float:
     return ON_TOP if guess.carried else ON_NOTHING
 
 
-def _probability(hypothesis: Hypothesis, evidence: Evidence) -> float:
-    """How likely (0..1) it is there; less so on something that is not seen."""
-    return probability_of(evidence, 0.0 if hypothesis.carried else HANDICAP)
+def _candidate(hypothesis: Hypothesis, evidence: Evidence, information: NDArray[np.float64]) -> Candidate:
+    """A hypothesis with what the image says of it; less likely on something that is not seen."""
+    logit = logit_of(evidence)
+    likely = probability(logit if hypothesis.carried else logit - HANDICAP)
+    return Candidate(hypothesis, evidence, information, likely, logit)
+
+
+def _columns(guesses: list[Hypothesis]) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+    """Surface (N,), pose (N, 4, 4) and footing (N,) of each guess."""
+    return (
+        np.array([guess.support for guess in guesses]),
+        np.array([guess.T_support_model for guess in guesses]),
+        np.array([_footing(guess) for guess in guesses]),
+    )
 
 
 def _footing(guess: Hypothesis) -> float:
     """Height of what is seen under it, metres: on that its lower edges have no contrast."""
     return guess.base if guess.carried else 0.0
-
-
-def _promise(evidence: Evidence) -> float:
-    """Rank of a quick look: matches less contradictions, and an outline that is there."""
-    pixels = max(evidence.pixels, 1.0)
-    return (evidence.match - 2 * evidence.through) / pixels + 0.7 * evidence.outline
 
 
 def _best_of_each_place(guesses: list[tuple[float, Hypothesis]], reach: float) -> list[Hypothesis]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 from weakref import WeakKeyDictionary
 
@@ -119,6 +120,11 @@ class Clues:
     """Standard deviation of 1 / z, 1/m."""
     frames: list[NDArray[np.float64]]
     """T_optical_support (4, 4) of each support."""
+
+    @cached_property
+    def stacked(self) -> NDArray[np.float64]:
+        """Frames (S, 4, 4)."""
+        return np.array(self.frames).reshape(-1, 4, 4)
 
     def near(self, place: NDArray[np.float64], reach: float, support: int) -> Clues:
         """What is within reach, metres, of a place (2,) over a support."""

@@ -37,7 +37,7 @@ STEEPEST = 2.0
 """Slope of depth beyond which a face is seen so edge-on that it is not followed outside of its outline."""
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def scan(  # noqa: C901  one compiled loop over pixels; splitting it would pass a dozen numbers around
     depth: NDArray[np.float32],
     pinhole: tuple[float, float, float, float],
@@ -70,18 +70,28 @@ def scan(  # noqa: C901  one compiled loop over pixels; splitting it would pass 
     height, width = depth.shape
     samples = np.empty((MOST, 9))
     count = 0
+    seen = np.empty(len(planes) + 1, np.bool_)
+    for f in range(len(planes)):
+        seen[f] = planes[f, 3] < -1e-9
+    seen[-1] = False  # beyond an open border
+    outline, ends = np.empty(len(edges), np.int32), np.empty((len(edges), 5))
+    bends = 0
     length_all = 0.0
     for e in range(len(edges)):
-        if _is_outline(planes, edges, e):
+        if seen[edges[e, 2]] != seen[edges[e, 3]]:
             a, b = edges[e, 0], edges[e, 1]
             ua, va = fx * vertices[a, 0] / vertices[a, 2], fy * vertices[a, 1] / vertices[a, 2]
             ub, vb = fx * vertices[b, 0] / vertices[b, 2], fy * vertices[b, 1] / vertices[b, 2]
-            length_all += np.hypot(ub - ua, vb - va)
+            length = np.sqrt((ub - ua) * (ub - ua) + (vb - va) * (vb - va))
+            m = ends[bends]
+            m[0], m[1], m[2], m[3], m[4] = ua + cx, va + cy, ub + cx, vb + cy, length
+            outline[bends] = e
+            bends += 1
+            length_all += length
     spacing = max(SPACING, length_all / (MOST - 50))
     carry = spacing / 2
-    for e in range(len(edges)):
-        if not _is_outline(planes, edges, e):
-            continue
+    for i in range(bends):
+        e = outline[i]
         a, b = edges[e, 0], edges[e, 1]
         on_ground = 0
         for k in (a, b):
@@ -90,14 +100,15 @@ def scan(  # noqa: C901  one compiled loop over pixels; splitting it would pass 
                 on_ground += 1
         if on_ground == 2:
             continue
-        f = edges[e, 2] if planes[edges[e, 2], 3] < -1e-9 else edges[e, 3]
-        d = planes[f, 3]
-        A, B, C = planes[f, 0] / d, planes[f, 1] / d, planes[f, 2] / d
-        ua, va = fx * vertices[a, 0] / vertices[a, 2] + cx, fy * vertices[a, 1] / vertices[a, 2] + cy
-        ub, vb = fx * vertices[b, 0] / vertices[b, 2] + cx, fy * vertices[b, 1] / vertices[b, 2] + cy
-        length = np.hypot(ub - ua, vb - va)
+        ua, va, ub, vb, length = ends[i, 0], ends[i, 1], ends[i, 2], ends[i, 3], ends[i, 4]
         if length < 1e-6:
             continue
+        if carry >= length:
+            carry -= length
+            continue
+        f = edges[e, 2] if seen[edges[e, 2]] else edges[e, 3]
+        d = planes[f, 3]
+        A, B, C = planes[f, 0] / d, planes[f, 1] / d, planes[f, 2] / d
         mx, my = (vb - va) / length, -(ub - ua) / length
         third = faces[f, 0] + faces[f, 1] + faces[f, 2] - a - b
         ut, vt = fx * vertices[third, 0] / vertices[third, 2] + cx, fy * vertices[third, 1] / vertices[third, 2] + cy
@@ -193,15 +204,7 @@ def warm_up() -> None:
     )
 
 
-@njit(cache=True, nogil=True)
-def _is_outline(planes: NDArray[np.float64], edges: NDArray[np.int32], e: int) -> bool:
-    """True for an edge between a face that is seen and one that is not."""
-    seen = planes[edges[e, 2], 3] < -1e-9
-    other = edges[e, 3] >= 0 and planes[edges[e, 3], 3] < -1e-9
-    return bool(seen != other)
-
-
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _drawn(w: NDArray[np.float64], region: tuple[int, int, int, int, int], u: float, v: float) -> float:
     """Inverse depth drawn nearest to an image place, 0 outside."""
     u0, v0, columns, rows, step = region

@@ -27,6 +27,7 @@ SHARED = (
     "moments.py",
     "neighbour_grid.py",
     "number_kinds.py",
+    "peek.py",
     "points.py",
     "render.py",
     "simulation/depth_edge.py",

@@ -28,6 +28,12 @@ LEVEL_FACE = 0.95
 SAMPLES = 160
 """Points of the surface by which a place is peeked at."""
 
+ORDERS = (4, 3, 2)
+"""How many turns about the vertical to a full one are tried for symmetry."""
+
+SAME = 1e-4
+"""Metres within which a turned vertex is another one."""
+
 
 class ModelBits(NamedTuple):
     """Bits of a solid in one pose, in a frame with z up: x and y from the model's origin, z from its foot."""
@@ -39,14 +45,19 @@ class ModelBits(NamedTuple):
     azimuth: NDArray[np.float64]
     """(N,) radians; the level way a bit faces."""
     layers: int
+    order: int
+    """Turns about the vertical to a full one that leave it as it is; only bits of the first such turn are here."""
     reach: float
     """Metres from the model's origin to its farthest bit, seen from above."""
     below: float
     """Metres from the model's origin down to its foot."""
-    points: NDArray[np.float64]
-    """(M, 3) metres, spread over the surface."""
-    normals: NDArray[np.float64]
-    """(M, 3) outward."""
+    samples: NDArray[np.float64]
+    """(M, 7) points spread over the surface, metres, outward normals, and the products of both."""
+
+    @property
+    def lookup(self) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64], float]:
+        """What votes need."""
+        return self.start, self.xy, self.azimuth, self.reach
 
 
 class _Bits(NamedTuple):
@@ -69,16 +80,38 @@ def _model_bits(vertices: bytes, faces: bytes, rotation: bytes, is_round: bool) 
     triangles = corners[np.frombuffer(faces, np.int32).reshape(-1, 3)]
     surface, rim = _scattered(triangles), _rim(triangles)
     some = np.linspace(0, len(surface.points) - 1, min(len(surface.points), SAMPLES)).astype(np.int64)
-    samples = _Bits(surface.points[some], surface.ways[some])
+    along = (surface.points[some] * surface.ways[some]).sum(axis=1)
+    samples = np.column_stack([surface.points[some], surface.ways[some], along])
+    order = _order(corners)
     if is_round:
         surface, rim = _meridian(surface), _meridian(rim)
+    else:
+        surface, rim = _first_turn(surface, order), _first_turn(rim, order)
     key, bits, layers = _sorted(surface, rim)
     start = np.searchsorted(key, np.arange(layers * KINDS + 1))
     reach = float(np.linalg.norm(corners[:, :2], axis=1).max()) + SPACING
     azimuth = np.arctan2(bits.ways[:, 1], bits.ways[:, 0])
-    return ModelBits(
-        start, np.ascontiguousarray(bits.points[:, :2]), azimuth, layers, reach, below, samples.points, samples.ways
-    )
+    xy = np.ascontiguousarray(bits.points[:, :2])
+    return ModelBits(start, xy, azimuth, layers, order, reach, below, samples)
+
+
+def _order(corners: NDArray[np.float64]) -> int:
+    """The largest number of turns to a full one that put all corners (V, 3) onto corners."""
+    from scipy.spatial import cKDTree
+
+    tree = cKDTree(corners)
+    for order in ORDERS:
+        c, s = np.cos(2 * np.pi / order), np.sin(2 * np.pi / order)
+        turned = corners @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+        if np.isfinite(tree.query(turned, distance_upper_bound=SAME)[0]).all():
+            return order
+    return 1
+
+
+def _first_turn(bits: _Bits, order: int) -> _Bits:
+    """Bits of the first of the turns that are alike: those of the others would vote for the same places again."""
+    first = np.arctan2(bits.points[:, 1], bits.points[:, 0]) % (2 * np.pi) < 2 * np.pi / order
+    return _Bits(bits.points[first], bits.ways[first])
 
 
 def _sorted(surface: _Bits, rim: _Bits) -> tuple[NDArray[np.int64], _Bits, int]:

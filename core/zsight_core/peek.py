@@ -37,14 +37,14 @@ SAME_PLACE, SAME_TURN = 0.006, 0.12
 """Metres along each axis and radians within which two places are one."""
 
 
-@njit(cache=True, nogil=True)
-def best_places(  # noqa: C901  one compiled loop; splitting it would pass a dozen numbers around
+@njit(cache=True, nogil=True, error_model="numpy")
+def best_places(
     depth: NDArray[np.float32],
     pinhole: tuple[float, float, float, float],
     T_optical_support: NDArray[np.float64],
-    points: NDArray[np.float64],
-    normals: NDArray[np.float64],
+    samples: NDArray[np.float64],
     places: NDArray[np.float64],
+    full: float,
     base: float,
     noise: float,
     most: int,
@@ -55,9 +55,10 @@ def best_places(  # noqa: C901  one compiled loop; splitting it would pass a doz
         depth: (H, W) metres, 0 where not measured.
         pinhole: fx, fy, cx, cy.
         T_optical_support: (4, 4).
-        points: (M, 3) of the model's surface, x and y from its origin, z from its foot, metres.
-        normals: (M, 3) outward.
+        samples: (M, 7) points of the model's surface, x and y from its origin, z from its foot, metres; outward
+            normals; and the products of both.
         places: (N, 3) x and y on the support (m) and yaw (rad).
+        full: turn about the vertical after which the model looks as before, rad.
         base: height of the model's foot over the support, metres.
         noise: standard deviation of 1 / z, 1/m.
         most: places returned at most.
@@ -65,35 +66,26 @@ def best_places(  # noqa: C901  one compiled loop; splitting it would pass a doz
     Returns:
         (K, 3) as places.
     """
+    some = samples[::STRIDE].copy()
     scores = np.empty(len(places))
     for i in range(len(places)):
-        scores[i] = _peek(depth, pinhole, T_optical_support, points, normals, places[i], base, noise, STRIDE)
+        x, y, yaw = places[i, 0], places[i, 1], places[i, 2]
+        scores[i] = _peek(depth, pinhole, T_optical_support, some, x, y, base, yaw, noise)
     order = np.argsort(-scores, kind="mergesort")[:most]
     kept, heights = np.empty((most, 3)), np.empty(most)
     count = 0
     for i in order:
         if scores[i] < WORTH_A_CLIMB:
             break
-        place, score = places[i].copy(), scores[i]
-        step = 1.0
-        while step > 0.4:
-            better = False
-            for axis in range(3):
-                for sign in (-1.0, 1.0):
-                    trial = place.copy()
-                    trial[axis] += sign * step * (FIRST_STEP if axis < 2 else FIRST_TURN)
-                    reached = _peek(depth, pinhole, T_optical_support, points, normals, trial, base, noise, STRIDE)
-                    if reached > score:
-                        place, score, better = trial, reached, True
-            if not better or step < 1:
-                step /= 2
-        if _peek(depth, pinhole, T_optical_support, points, normals, place, base, noise, 1) < PEEKED:
+        place, score = _climb(depth, pinhole, T_optical_support, some, places[i], scores[i], base, noise)
+        x, y, yaw = place[0], place[1], place[2]
+        if _peek(depth, pinhole, T_optical_support, samples, x, y, base, yaw, noise) < PEEKED:
             continue
         again = False
         for q in range(count):
-            turn = abs(kept[q, 2] - place[2]) % (2 * np.pi)
-            turn = min(turn, 2 * np.pi - turn)
-            if turn < SAME_TURN and abs(kept[q, 0] - place[0]) < SAME_PLACE and abs(kept[q, 1] - place[1]) < SAME_PLACE:
+            turn = abs(kept[q, 2] - yaw) % full
+            turn = min(turn, full - turn)
+            if turn < SAME_TURN and abs(kept[q, 0] - x) < SAME_PLACE and abs(kept[q, 1] - y) < SAME_PLACE:
                 again = True
         if not again:
             kept[count], heights[count] = place, score
@@ -102,42 +94,80 @@ def best_places(  # noqa: C901  one compiled loop; splitting it would pass a doz
     return kept[order]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
+def _climb(
+    depth: NDArray[np.float32],
+    pinhole: tuple[float, float, float, float],
+    T_optical_support: NDArray[np.float64],
+    samples: NDArray[np.float64],
+    start: NDArray[np.float64],
+    score: float,
+    base: float,
+    noise: float,
+) -> tuple[NDArray[np.float64], float]:
+    """The best place (3,) that steps along one axis at a time lead to, and its score."""
+    place = start.copy()
+    step = 1.0
+    while step > 0.4:
+        better = False
+        for axis in range(3):
+            length = step * (FIRST_STEP if axis < 2 else FIRST_TURN)
+            here = place[axis]
+            for sign in (-1.0, 1.0):
+                place[axis] = here + sign * length
+                x, y, yaw = place[0], place[1], place[2]
+                reached = _peek(depth, pinhole, T_optical_support, samples, x, y, base, yaw, noise)
+                if reached > score:
+                    score, better = reached, True
+                    break  # the other way leads back
+                place[axis] = here
+        if not better or step < 1:
+            step /= 2
+    return place, score
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def _peek(
     depth: NDArray[np.float32],
     pinhole: tuple[float, float, float, float],
     T_optical_support: NDArray[np.float64],
-    points: NDArray[np.float64],
-    normals: NDArray[np.float64],
-    place: NDArray[np.float64],
-    base: float,
+    samples: NDArray[np.float64],
+    x: float,
+    y: float,
+    z: float,
+    yaw: float,
     noise: float,
-    stride: int,
 ) -> float:
-    """Share of the facing points of the model that are there, less those seen through, at a place (3,)."""
+    """Share of the facing points of the model that are there, less those seen through, at a place and height."""
     fx, fy, cx, cy = pinhole
     height, width = depth.shape
     T = T_optical_support
-    c, s = np.cos(place[2]), np.sin(place[2])
+    c, s = np.cos(yaw), np.sin(yaw)
+    # from the model, turned by yaw and shifted, to the camera
+    r00, r01, r02 = T[0, 0] * c + T[0, 1] * s, T[0, 1] * c - T[0, 0] * s, T[0, 2]
+    r10, r11, r12 = T[1, 0] * c + T[1, 1] * s, T[1, 1] * c - T[1, 0] * s, T[1, 2]
+    r20, r21, r22 = T[2, 0] * c + T[2, 1] * s, T[2, 1] * c - T[2, 0] * s, T[2, 2]
+    t0 = T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3]
+    t1 = T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3]
+    t2 = T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3]
+    # the way from the camera to the model's origin, in the model's frame
+    e0, e1, e2 = r00 * t0 + r10 * t1 + r20 * t2, r01 * t0 + r11 * t1 + r21 * t2, r02 * t0 + r12 * t1 + r22 * t2
     facing, there, score = 0, 0, 0.0
-    for k in range(0, len(points), stride):
-        x = c * points[k, 0] - s * points[k, 1] + place[0]
-        y = s * points[k, 0] + c * points[k, 1] + place[1]
-        z = points[k, 2] + base
-        nx, ny, nz = c * normals[k, 0] - s * normals[k, 1], s * normals[k, 0] + c * normals[k, 1], normals[k, 2]
-        px = T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3]
-        py = T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3]
-        pz = T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3]
-        qx = T[0, 0] * nx + T[0, 1] * ny + T[0, 2] * nz
-        qy = T[1, 0] * nx + T[1, 1] * ny + T[1, 2] * nz
-        qz = T[2, 0] * nx + T[2, 1] * ny + T[2, 2] * nz
-        if pz < 0.05 or qx * px + qy * py + qz * pz > -0.15 * pz:
+    for k in range(len(samples)):
+        b = samples[k]
+        pz = r20 * b[0] + r21 * b[1] + r22 * b[2] + t2
+        if pz < 0.05 or b[6] + b[3] * e0 + b[4] * e1 + b[5] * e2 > -0.15 * pz:
             continue
-        u, v = int(fx * px / pz + cx + 0.5), int(fy * py / pz + cy + 0.5)
-        if not (0 <= u < width and 0 <= v < height) or depth[v, u] <= 0:
+        w = 1.0 / pz
+        u = int(fx * (r00 * b[0] + r01 * b[1] + r02 * b[2] + t0) * w + cx + 0.5)
+        v = int(fy * (r10 * b[0] + r11 * b[1] + r12 * b[2] + t1) * w + cy + 0.5)
+        if not (0 <= u < width and 0 <= v < height):
+            continue
+        measured = depth[v, u]
+        if measured <= 0:
             continue
         facing += 1
-        off = (depth[v, u] - pz) / (SLACK + 3 * noise * pz * pz)
+        off = (measured - pz) / (SLACK + 3 * noise * pz * pz)
         if abs(off) < 1:
             there += 1
             score += 1 - 0.5 * off * off
@@ -148,5 +178,5 @@ def _peek(
 
 def warm_up() -> None:
     """Compile the kernels (or load them from their cache)."""
-    depth, point = np.ones((4, 4), np.float32), np.zeros((1, 3))
-    best_places(depth, (1.0, 1.0, 0.0, 0.0), np.eye(4), point, point, point, 0.0, 1e-3, 1)
+    depth, samples, places = np.ones((4, 4), np.float32), np.zeros((1, 7)), np.zeros((1, 3))
+    best_places(depth, (1.0, 1.0, 0.0, 0.0), np.eye(4), samples, places, 1.0, 0.0, 1e-3, 1)

@@ -28,8 +28,55 @@ EDGE_BIAS = 0.7
 """Pixels; how far off all outline samples together may be."""
 
 
-@njit(cache=True, nogil=True)
-def fit(  # noqa: C901  one compiled loop over pixels; splitting it would pass a dozen numbers around
+@njit(cache=True, nogil=True, error_model="numpy")
+def fit(
+    depth: NDArray[np.float32],
+    pinhole: tuple[float, float, float, float],
+    vertices: NDArray[np.float64],
+    faces: NDArray[np.int32],
+    edges: NDArray[np.int32],
+    T_optical_supports: NDArray[np.float64],
+    supports: NDArray[np.int64],
+    T_support_models: NDArray[np.float64],
+    bases: NDArray[np.float64],
+    loose: NDArray[np.float64],
+    noise: float,
+    steps: int,
+    most: int,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Improve some poses on surfaces, each by itself.
+
+    Args:
+        depth: (H, W) metres, 0 where not measured.
+        pinhole: fx, fy, cx, cy.
+        vertices: (V, 3) of the solid, model frame, metres.
+        faces: (F, 3).
+        edges: (E, 4).
+        T_optical_supports: (S, 4, 4).
+        supports: (N,) the surface of each pose.
+        T_support_models: (N, 4, 4) first guesses, within about 10 mm and 10 degrees.
+        bases: (N,) height of the solid's foot over the surface, metres.
+        loose: (N, 4) standard deviations within which x, y, height (m) and yaw (rad) may leave the guess; the surface
+            itself is a measurement of height, a symmetric shape has no yaw.
+        noise: standard deviation of 1 / z, 1/m.
+        steps: most iterations.
+        most: pixels of the raster.
+
+    Returns:
+        T_support_models (N, 4, 4), and the information matrices (N, 4, 4) of x, y, height, yaw (edge bias
+        marginalised).
+    """
+    fitted, information = np.empty((len(bases), 4, 4)), np.empty((len(bases), 4, 4))
+    for i in range(len(bases)):
+        frame, guess = T_optical_supports[supports[i]], T_support_models[i]
+        fitted[i], information[i] = _fit(
+            depth, pinhole, vertices, faces, edges, frame, guess, bases[i], loose[i], noise, steps, most
+        )
+    return fitted, information
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _fit(  # noqa: C901  one compiled loop over pixels; splitting it would pass a dozen numbers around
     depth: NDArray[np.float32],
     pinhole: tuple[float, float, float, float],
     vertices: NDArray[np.float64],
@@ -43,26 +90,7 @@ def fit(  # noqa: C901  one compiled loop over pixels; splitting it would pass a
     steps: int,
     most: int,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Improve a pose on a surface.
-
-    Args:
-        depth: (H, W) metres, 0 where not measured.
-        pinhole: fx, fy, cx, cy.
-        vertices: (V, 3) of the solid, model frame, metres.
-        faces: (F, 3).
-        edges: (E, 4).
-        T_optical_support: (4, 4).
-        T_support_model: (4, 4) first guess, within about 10 mm and 10 degrees.
-        base: height of the solid's foot over the surface, metres.
-        loose: (4,) standard deviations within which x, y, height (m) and yaw (rad) may leave the guess; the surface
-            itself is a measurement of height, a symmetric shape has no yaw.
-        noise: standard deviation of 1 / z, 1/m.
-        steps: most iterations.
-        most: pixels of the raster.
-
-    Returns:
-        T_support_model (4, 4), and the information matrix (4, 4) of x, y, height, yaw (edge bias marginalised).
-    """
+    """One pose improved, and its information matrix."""
     fx, fy, cx, cy = pinhole
     T = T_support_model.copy()
     x_axis, y_axis, z_axis = (
@@ -176,7 +204,7 @@ def fit(  # noqa: C901  one compiled loop over pixels; splitting it would pass a
     return T, marginal
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _move(T: NDArray[np.float64], change: NDArray[np.float64]) -> None:
     """Shift and turn a pose on the surface about its own centre, in place."""
     c, s = np.cos(change[3]), np.sin(change[3])
@@ -194,4 +222,6 @@ def warm_up() -> None:
     edges = np.array([[0, 1, 0, -1]], np.int32)
     depth = np.ones((100, 100), np.float32)
     pinhole = (100.0, 100.0, 50.0, 50.0)
-    fit(depth, pinhole, vertices, faces, edges, np.eye(4), np.eye(4), 0.0, np.ones(4), 1e-3, 2, 500)
+    frames, one = np.eye(4)[np.newaxis], np.zeros(1)
+    solid = vertices, faces, edges
+    fit(depth, pinhole, *solid, frames, one.astype(np.int64), frames, one, np.ones((1, 4)), 1e-3, 2, 500)

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 __all__ = ["draw", "face_planes", "place", "region_of", "warm_up"]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def place(T: NDArray[np.float64], vertices: NDArray[np.float64]) -> NDArray[np.float64]:
     """Vertices (V, 3) moved by T (4, 4)."""
     moved = np.empty_like(vertices)
@@ -23,7 +23,7 @@ def place(T: NDArray[np.float64], vertices: NDArray[np.float64]) -> NDArray[np.f
     return moved
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def face_planes(vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> NDArray[np.float64]:
     """(F, 4) outward unit normal n and offset d of each face, n . p = d; d < 0 where the face looks at the camera."""
     planes = np.empty((len(faces), 4))
@@ -41,7 +41,7 @@ def face_planes(vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> NDAr
     return planes
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def region_of(
     vertices: NDArray[np.float64], pinhole: tuple[float, float, float, float], most: int
 ) -> tuple[int, int, int, int, int]:
@@ -65,7 +65,7 @@ def region_of(
     return u0, v0, (width + step - 1) // step, (height + step - 1) // step, step
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def draw(
     vertices: NDArray[np.float64],
     faces: NDArray[np.int32],

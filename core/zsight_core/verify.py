@@ -13,11 +13,17 @@ from zsight_core.render import draw, face_planes, place, region_of
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = ["Evidence", "compare", "compare_many", "warm_up"]
+__all__ = ["Evidence", "compare", "look", "warm_up"]
 
 IN_FRONT = 0.015
 """Metres by which something must be nearer to count as another thing in front."""
 
+
+FEWEST = 12
+"""Pixels below which nothing is promised."""
+
+OUTLINE = 0.7
+"""Weight of the outline in a promise."""
 
 OFF, MATCH, THROUGH, PROUD, HIDDEN, UNKNOWN, BEYOND = 0, 1, 2, 3, 4, 5, 6
 """States of a pixel: not of the solid, and as in Evidence, numbered as there."""
@@ -83,21 +89,22 @@ class Evidence(NamedTuple):
         return told / max(told + self.edge_hidden, 1.0)
 
 
+@njit(cache=True, nogil=True, error_model="numpy")
 def compare(
     depth: NDArray[np.float32],
     pinhole: tuple[float, float, float, float],
     vertices: NDArray[np.float64],
     faces: NDArray[np.int32],
     edges: NDArray[np.int32],
-    T_optical_support: NDArray[np.float64],
-    T_support_model: NDArray[np.float64],
-    base: float,
+    T_optical_supports: NDArray[np.float64],
+    supports: NDArray[np.int64],
+    T_support_models: NDArray[np.float64],
+    bases: NDArray[np.float64],
     noise: float,
-    *,
-    most: int = 4000,
-    tolerance: float = 0.002,
-) -> Evidence:
-    """Evidence for a solid at a pose.
+    most: int,
+    tolerance: float,
+) -> NDArray[np.float64]:
+    """Evidence for a solid at some poses.
 
     Args:
         depth: (H, W) metres, 0 where not measured.
@@ -105,98 +112,100 @@ def compare(
         vertices: (V, 3) of the solid, model frame, metres.
         faces: (F, 3).
         edges: (E, 4).
-        T_optical_support: (4, 4).
-        T_support_model: (4, 4).
-        base: height of the solid's foot over the surface, metres.
+        T_optical_supports: (S, 4, 4).
+        supports: (N,) the surface of each pose.
+        T_support_models: (N, 4, 4).
+        bases: (N,) height of the solid's foot over the surface, metres.
         noise: standard deviation of 1 / z, 1/m.
         most: pixels of the raster.
         tolerance: metres in depth, besides three standard deviations of noise, that count as a match.
+
+    Returns:
+        (N, 17) the numbers of Evidence.
     """
-    T = T_optical_support @ T_support_model
-    counts = _count(depth, pinhole, vertices, faces, edges, T, T_optical_support, base, noise, most, tolerance)
-    return Evidence(*(float(c) for c in counts))
-
-
-def compare_many(
-    depth: NDArray[np.float32],
-    pinhole: tuple[float, float, float, float],
-    vertices: NDArray[np.float64],
-    faces: NDArray[np.int32],
-    edges: NDArray[np.int32],
-    T_optical_supports: NDArray[np.float64],
-    T_support_models: NDArray[np.float64],
-    bases: NDArray[np.float64],
-    supports: NDArray[np.int64],
-    noise: float,
-    *,
-    most: int,
-    tolerance: float,
-) -> list[Evidence]:
-    """Evidence as of ``compare`` for many poses: (S, 4, 4) surfaces, (N, 4, 4) poses, (N,) feet, (N,) surfaces."""
-    counts = _count_many(
-        depth,
-        pinhole,
-        vertices,
-        faces,
-        edges,
-        T_optical_supports,
-        T_support_models,
-        bases,
-        supports,
-        noise,
-        most,
-        tolerance,
-    )
-    return [Evidence(*row) for row in counts.tolist()]
-
-
-@njit(cache=True, nogil=True)
-def _count_many(
-    depth: NDArray[np.float32],
-    pinhole: tuple[float, float, float, float],
-    vertices: NDArray[np.float64],
-    faces: NDArray[np.int32],
-    edges: NDArray[np.int32],
-    T_optical_supports: NDArray[np.float64],
-    T_support_models: NDArray[np.float64],
-    bases: NDArray[np.float64],
-    supports: NDArray[np.int64],
-    noise: float,
-    most: int,
-    tolerance: float,
-) -> NDArray[np.float64]:
-    """The numbers of Evidence (N, 17)."""
     counts = np.empty((len(bases), 17))
     for i in range(len(bases)):
         T_optical_support = T_optical_supports[supports[i]]
         T = T_optical_support @ T_support_models[i]
-        counts[i] = _count(
-            depth, pinhole, vertices, faces, edges, T, T_optical_support, bases[i], noise, most, tolerance
-        )
+        seen = _pixels(depth, pinhole, vertices, faces, T, noise, most, tolerance, counts[i])
+        ground = _ground(T_optical_support, bases[i])
+        _outline(depth, pinhole, faces, edges, seen, ground, noise, counts[i])
     return counts
 
 
-@njit(cache=True, nogil=True)
-def _count(  # noqa: C901  one compiled loop over pixels; splitting it would pass a dozen numbers around
+@njit(cache=True, nogil=True, error_model="numpy")
+def look(
     depth: NDArray[np.float32],
     pinhole: tuple[float, float, float, float],
     vertices: NDArray[np.float64],
     faces: NDArray[np.int32],
     edges: NDArray[np.int32],
-    T_optical_model: NDArray[np.float64],
-    T_optical_support: NDArray[np.float64],
-    base: float,
+    T_optical_supports: NDArray[np.float64],
+    supports: NDArray[np.int64],
+    T_support_models: NDArray[np.float64],
+    bases: NDArray[np.float64],
     noise: float,
     most: int,
     tolerance: float,
+    least: float,
 ) -> NDArray[np.float64]:
-    """The numbers of Evidence (17,)."""
-    counts = np.zeros(17)
+    """How much some poses promise: matches less contradictions, and an outline that is there.
+
+    Arguments are those of ``compare``, and least: what promises less is not looked at to the end.
+
+    Returns:
+        (N,) ranks of the poses; -inf of those that promise less than the least.
+    """
+    promises = np.full(len(bases), -np.inf)
+    counts = np.empty(17)
+    for i in range(len(bases)):
+        T_optical_support = T_optical_supports[supports[i]]
+        T = T_optical_support @ T_support_models[i]
+        seen = _pixels(depth, pinhole, vertices, faces, T, noise, most, tolerance, counts)
+        match, through = counts[1], counts[2]
+        promise = (match - 2 * through) / max(counts[0], 1.0)
+        if match < FEWEST or match <= through or promise + OUTLINE <= least:
+            continue
+        ground = _ground(T_optical_support, bases[i])
+        _outline(depth, pinhole, faces, edges, seen, ground, noise, counts)
+        promise += OUTLINE * counts[7] / max(counts[7] + counts[8] + counts[9], 1.0)
+        if promise > least:
+            promises[i] = promise
+    return promises
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _ground(T_optical_support: NDArray[np.float64], base: float) -> NDArray[np.float64]:
+    """Normal and offset (4,) of the surface that a solid stands on."""
+    ground = np.empty(4)
+    ground[:3] = T_optical_support[:3, 2]
+    ground[3] = (T_optical_support[:3, 2] * T_optical_support[:3, 3]).sum() + base
+    return ground
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _pixels(  # noqa: C901  one compiled loop over pixels; splitting it would pass a dozen numbers around
+    depth: NDArray[np.float32],
+    pinhole: tuple[float, float, float, float],
+    vertices: NDArray[np.float64],
+    faces: NDArray[np.int32],
+    T_optical_model: NDArray[np.float64],
+    noise: float,
+    most: int,
+    tolerance: float,
+    counts: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], tuple[int, int, int, int, int]]:
+    """Write what pixels say into the numbers of Evidence (17,).
+
+    Returns:
+        Vertices and planes in the optical frame, the drawn inverse depth and its region.
+    """
+    counts[:] = 0.0
     placed = place(T_optical_model, vertices)
     region = region_of(placed, pinhole, most)
-    if region[2] == 0:
-        return counts
     planes = face_planes(placed, faces)
+    if region[2] == 0:
+        return placed, planes, np.zeros((0, 0)), region
     w, face = draw(placed, faces, planes, pinhole, region)
     u0, v0, columns, rows, step = region
     states = _states(depth, w, face, region, noise, tolerance)
@@ -256,9 +265,26 @@ def _count(  # noqa: C901  one compiled loop over pixels; splitting it would pas
     counts[15] = _middle(blocks.reshape(-1, 3)) if number > 0 else IN_FRONT
     counts[11] = np.sqrt(behind / number) if number > 0 else IN_FRONT
     counts[12] = np.sqrt(before / number) if number > 0 else IN_FRONT
-    ground = np.empty(4)
-    ground[:3] = T_optical_support[:3, 2]
-    ground[3] = (T_optical_support[:3, 2] * T_optical_support[:3, 3]).sum() + base
+    for k in range(7):
+        counts[k] *= step * step
+    return placed, planes, w, region
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _outline(
+    depth: NDArray[np.float32],
+    pinhole: tuple[float, float, float, float],
+    faces: NDArray[np.int32],
+    edges: NDArray[np.int32],
+    seen: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], tuple[int, int, int, int, int]],
+    ground: NDArray[np.float64],
+    noise: float,
+    counts: NDArray[np.float64],
+) -> None:
+    """Write what the outline says into the numbers of Evidence (17,)."""
+    placed, planes, w, region = seen
+    if region[2] == 0:
+        return
     samples = scan(depth, pinhole, placed, faces, edges, planes, w, region, ground, noise, 4)
     off, out, measured = 0.0, 0.0, 0
     sides = np.zeros((8, 2))
@@ -284,12 +310,9 @@ def _count(  # noqa: C901  one compiled loop over pixels; splitting it would pas
         if sides[k, 0] >= 4:
             counts[14] = max(counts[14], (sides[k, 1] + 0.5) / (sides[k, 0] + 1))
     counts[16] = out / max(measured, 1)
-    for k in range(7):
-        counts[k] *= step * step
-    return counts
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _states(
     depth: NDArray[np.float32],
     w: NDArray[np.float64],
@@ -327,7 +350,7 @@ def _states(
     return state
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _spread_what_hides(state: NDArray[np.int8]) -> None:
     """What is a little nearer and hangs together with what is much nearer is of the same thing in front; in place."""
     rows, columns = state.shape
@@ -345,7 +368,7 @@ def _spread_what_hides(state: NDArray[np.int8]) -> None:
                         break
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _middle(blocks: NDArray[np.float64]) -> float:
     """Absolute median of the blocks' mean residuals, weighted by pixels; blocks (N, 3): pixels, sum, squares."""
     means, weights, total = np.empty(len(blocks)), np.empty(len(blocks)), 0.0
@@ -367,12 +390,8 @@ def _middle(blocks: NDArray[np.float64]) -> float:
 def warm_up() -> None:
     """Compile the kernels (or load them from their cache)."""
     vertices = np.array([[0.0, 0.0, 1.0], [0.1, 0.0, 1.0], [0.0, 0.1, 1.0]])
-    faces = np.array([[0, 2, 1]], np.int32)
-    edges = np.array([[0, 1, 0, -1]], np.int32)
-    depth = np.ones((100, 100), np.float32)
+    solid = vertices, np.array([[0, 2, 1]], np.int32), np.array([[0, 1, 0, -1]], np.int32)
+    depth, poses, one = np.ones((100, 100), np.float32), np.eye(4)[np.newaxis], np.zeros(1)
     pinhole = (100.0, 100.0, 50.0, 50.0)
-    compare(depth, pinhole, vertices, faces, edges, np.eye(4), np.eye(4), 0.0, 1e-3)
-    poses, one = np.eye(4)[np.newaxis], np.zeros(1)
-    compare_many(
-        depth, pinhole, vertices, faces, edges, poses, poses, one, one.astype(np.int64), 1e-3, most=10, tolerance=0.01
-    )
+    compare(depth, pinhole, *solid, poses, one.astype(np.int64), poses, one, 1e-3, 10, 0.01)
+    look(depth, pinhole, *solid, poses, one.astype(np.int64), poses, one, 1e-3, 10, 0.01, 0.0)

@@ -52,6 +52,14 @@ PEAKS = 300
 PROPOSED = 30
 """Places proposed, a pose and stand."""
 
+STANDS_AT_ONCE = 8
+"""Stands between two checkpoints."""
+
+_TURNS = 720
+"""Steps of yaw in which bits are turned."""
+
+_COSINES, _SINES = (f(np.arange(_TURNS) * 2 * np.pi / _TURNS) for f in (np.cos, np.sin))
+
 
 class Pose(NamedTuple):
     """One way in which a solid rests."""
@@ -69,43 +77,121 @@ def vote(solid: Solid, poses: Sequence[Pose], clues: Clues, checkpoint: Checkpoi
     found: list[Hypothesis] = []
     for number, pose in enumerate(poses):
         bits = model_bits(solid, pose.R, is_round=pose.is_round)
-        for stand in clues.stands(pose.tall):
+        stands = clues.stands(pose.tall)
+        for first in range(0, len(stands), STANDS_AT_ONCE):
             checkpoint("propose", number / len(poses))
-            places = _places(bits, stand, clues, 1 if pose.is_round else YAWS)
-            found += [_standing(pose, bits.below, stand, *place) for place in places.tolist()]
+            some = stands[first : first + STANDS_AT_ONCE]
+            found += _standing(
+                pose, bits, some, *_places(bits, some, clues, 1 if pose.is_round else YAWS // bits.order)
+            )
     return found
 
 
-def _places(bits: ModelBits, stand: Stand, clues: Clues, yaws: int) -> NDArray[np.float64]:
-    """Places (N, 3) on a stand that bits agree on and that bear a peek: x, y (m) and yaw (rad)."""
-    scene = clues.bits
-    low, high = stand.low - BEYOND * bits.reach, stand.high + BEYOND * bits.reach
-    votes = _vote(*scene, stand.support, stand.base, bits.start, bits.xy, bits.azimuth, low, high, bits.reach, yaws)
-    peaks = _peaks(votes)
-    peaks[:, :2] = low + peaks[:, :2] * CELL
-    peaks[:, 2] *= 2 * np.pi / yaws
-    frame = clues.frames[stand.support]
-    return best_places(
-        clues.depth, clues.pinhole, frame, bits.points, bits.normals, peaks, stand.base, clues.noise, PROPOSED
+def _places(
+    bits: ModelBits, stands: list[Stand], clues: Clues, yaws: int
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Places (N, 3) on stands that bits agree on and that bear a peek: x, y (m) and yaw (rad); their stands (N,)."""
+    return _propose(
+        *clues.bits,
+        *bits.lookup,
+        np.array([stand.support for stand in stands]),
+        np.array([(stand.base, *stand.low, *stand.high) for stand in stands]),
+        yaws,
+        bits.order,
+        clues.depth,
+        clues.pinhole,
+        clues.stacked,
+        bits.samples,
+        clues.noise,
     )
 
 
-def _standing(pose: Pose, below: float, stand: Stand, x: float, y: float, yaw: float) -> Hypothesis:
-    c, s = np.cos(yaw), np.sin(yaw)
-    T = np.eye(4)
-    T[:3, :3] = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ pose.R
-    T[:3, 3] = x, y, stand.base + below
-    return Hypothesis(T, stand.base, stand.support, turns=not pose.is_round, carried=stand.seen)
+def _standing(
+    pose: Pose, bits: ModelBits, stands: list[Stand], places: NDArray[np.float64], numbers: NDArray[np.int64]
+) -> list[Hypothesis]:
+    c, s = np.cos(places[:, 2]), np.sin(places[:, 2])
+    T = np.zeros((len(places), 4, 4))
+    T[:, 0, 0], T[:, 0, 1], T[:, 1, 0], T[:, 1, 1], T[:, 2, 2], T[:, 3, 3] = c, -s, s, c, 1.0, 1.0
+    T[:, :3, :3] = T[:, :3, :3] @ pose.R
+    T[:, :2, 3] = places[:, :2]
+    T[:, 2, 3] = np.array([stand.base for stand in stands])[numbers] + bits.below
+    found = []
+    for place, number in zip(T, numbers.tolist(), strict=True):
+        stand = stands[number]
+        found.append(Hypothesis(place, stand.base, stand.support, turns=not pose.is_round, carried=stand.seen))
+    return found
 
 
 def warm_up() -> None:
     """Compile the kernels (or load them from their cache)."""
-    one, kind, corner = np.zeros(1), np.zeros(1, np.int8), np.zeros(2)
-    start = np.zeros(KINDS + 1, np.int64)
-    _peaks(_vote(np.zeros((1, 3)), one, kind, kind, 0, 0.0, start, np.zeros((1, 2)), one, corner, corner, 0.1, 1))
+    one, kind, stand = np.zeros(1), np.zeros(1, np.int8), np.zeros((1, 5))
+    start, point, depth = np.zeros(KINDS + 1, np.int64), np.zeros((1, 2)), np.ones((4, 4), np.float32)
+    bits = (np.zeros((1, 3)), one, kind, kind, start, point, one, 0.1)
+    number, frames, samples = np.zeros(1, np.int64), np.eye(4)[np.newaxis], np.zeros((1, 7))
+    _propose(*bits, number, stand, 1, 1, depth, (1.0, 1.0, 0.0, 0.0), frames, samples, 1e-3)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
+def _propose(
+    points: NDArray[np.float64],
+    azimuth: NDArray[np.float64],
+    kind: NDArray[np.int8],
+    over: NDArray[np.int8],
+    start: NDArray[np.int64],
+    xy: NDArray[np.float64],
+    model_azimuth: NDArray[np.float64],
+    reach: float,
+    supports: NDArray[np.int64],
+    stands: NDArray[np.float64],
+    yaws: int,
+    order: int,
+    depth: NDArray[np.float32],
+    pinhole: tuple[float, float, float, float],
+    frames: NDArray[np.float64],
+    samples: NDArray[np.float64],
+    noise: float,
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Places (N, 3) and their stands (N,); stands (S, 5) are base, low x y, high x y (m) over supports (S,).
+
+    Yaws are steps of the turn, a full one over order, after which the model looks as before.
+    """
+    lows, highs = stands[:, 1:3] - BEYOND * reach, stands[:, 3:5] + BEYOND * reach
+    most = 0
+    for s in range(len(stands)):
+        columns, rows = _cells(lows[s], highs[s])
+        most = max(most, yaws * rows * columns)
+    votes, twice = np.empty(most, np.int16), np.empty(most, np.int32)
+    taken = np.zeros(most, np.bool_)
+    places, numbers = np.empty((PROPOSED * len(stands), 3)), np.empty(PROPOSED * len(stands), np.int64)
+    yaw_of = np.empty(_TURNS, np.int64)
+    for fine in range(_TURNS):
+        yaw_of[fine] = (fine * yaws * order + _TURNS // 2) // _TURNS % yaws
+    full = 2 * np.pi / order
+    count = 0
+    for s in range(len(stands)):
+        columns, rows = _cells(lows[s], highs[s])
+        board = votes[: yaws * rows * columns].reshape(yaws, rows, columns)
+        base, low, high = stands[s, 0], lows[s], highs[s]
+        model = start, xy, model_azimuth, reach, yaw_of
+        again = _vote(points, azimuth, kind, over, supports[s], base, *model, low, high, board, twice)
+        peaks = _peaks(board, twice[:again], taken[: yaws * rows * columns].reshape(yaws, rows, columns))
+        for i in range(len(peaks)):
+            peaks[i, 0], peaks[i, 1] = low[0] + peaks[i, 0] * CELL, low[1] + peaks[i, 1] * CELL
+            peaks[i, 2] *= full / yaws
+        best = best_places(depth, pinhole, frames[supports[s]], samples, peaks, full, base, noise, PROPOSED)
+        for i in range(len(best)):
+            places[count], numbers[count] = best[i], s
+            count += 1
+    return places[:count], numbers[:count]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _cells(low: NDArray[np.float64], high: NDArray[np.float64]) -> tuple[int, int]:
+    """Columns and rows of cells between two corners (2,), which may be crossed where nothing is near."""
+    return max(3, int((high[0] - low[0]) / CELL) + 3), max(3, int((high[1] - low[1]) / CELL) + 3)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def _vote(
     points: NDArray[np.float64],
     azimuth: NDArray[np.float64],
@@ -116,69 +202,134 @@ def _vote(
     start: NDArray[np.int64],
     xy: NDArray[np.float64],
     model_azimuth: NDArray[np.float64],
+    reach: float,
+    yaw_of: NDArray[np.int64],
     low: NDArray[np.float64],
     high: NDArray[np.float64],
-    reach: float,
-    yaws: int,
-) -> NDArray[np.int16]:
-    """Votes (yaws, rows, columns) for the place of the model's origin between the low and the high corner (2,)."""
-    columns, rows = int((high[0] - low[0]) / CELL) + 3, int((high[1] - low[1]) / CELL) + 3
-    votes = np.zeros((yaws, rows, columns), np.int16)
-    cosines, sines = np.empty(720), np.empty(720)
-    for k in range(720):
-        cosines[k], sines[k] = np.cos(k * np.pi / 360), np.sin(k * np.pi / 360)
-    layers = (len(start) - 1) // KINDS
+    votes: NDArray[np.int16],
+    twice: NDArray[np.int32],
+) -> int:
+    """Count votes (yaws, rows, columns) for the place of the model's origin between the low and the high corner (2,).
+
+    Returns:
+        How many cells were voted for more than once; their numbers are in twice.
+    """
+    votes[:] = 0
+    rows, columns = votes.shape[1:]
+    cells = votes.reshape(-1)
+    layers, count = (len(start) - 1) // KINDS, 0
     for i in range(len(points)):
         if over[i] != support or not (low[0] - reach < points[i, 0] < high[0] + reach):
             continue
         layer = int(np.floor((points[i, 2] - base) / LAYER + 0.5))
         if layer < 0 or layer >= layers or not (low[1] - reach < points[i, 1] < high[1] + reach):
             continue
+        px, py = (points[i, 0] - low[0]) / CELL + 0.5, (points[i, 1] - low[1]) / CELL + 0.5
+        turn = azimuth[i] * (_TURNS / (2 * np.pi)) + 0.5
         key = layer * KINDS + kind[i]
         for j in range(start[key], start[key + 1]):
-            fine = int(np.floor((azimuth[i] - model_azimuth[j]) * (360 / np.pi) + 0.5)) % 720
-            x = points[i, 0] - (cosines[fine] * xy[j, 0] - sines[fine] * xy[j, 1])
-            y = points[i, 1] - (sines[fine] * xy[j, 0] + cosines[fine] * xy[j, 1])
-            column, row = int(np.floor((x - low[0]) / CELL + 0.5)), int(np.floor((y - low[1]) / CELL + 0.5))
-            if 0 <= row < rows and 0 <= column < columns:
-                votes[((fine * yaws + 360) // 720) % yaws, row, column] += 1
-    return votes
+            fine = int(np.floor(turn - model_azimuth[j] * (_TURNS / (2 * np.pi))))
+            fine += _TURNS if fine < 0 else (-_TURNS if fine >= _TURNS else 0)
+            c, s = _COSINES[fine] / CELL, _SINES[fine] / CELL
+            x, y = px - (c * xy[j, 0] - s * xy[j, 1]), py - (s * xy[j, 0] + c * xy[j, 1])
+            if not (0 <= x < columns and 0 <= y < rows):
+                continue
+            cell = (yaw_of[fine] * rows + int(y)) * columns + int(x)
+            cells[cell] += 1
+            if cells[cell] == 2:
+                twice[count] = cell
+                count += 1
+    return count
 
 
-@njit(cache=True, nogil=True)
-def _peaks(votes: NDArray[np.int16]) -> NDArray[np.float64]:  # noqa: C901  one compiled loop
-    """Column, row and yaw (N, 3), in cells, of the places with most votes in and around them, best first."""
+@njit(cache=True, nogil=True, error_model="numpy")
+def _peaks(  # noqa: C901  one compiled loop
+    votes: NDArray[np.int16], twice: NDArray[np.int32], taken: NDArray[np.bool_]
+) -> NDArray[np.float64]:
+    """Column, row and yaw (N, 3), in cells, of the places with most votes in and around them, best first.
+
+    Args:
+        votes: (yaws, rows, columns).
+        twice: numbers of the cells with more than one vote.
+        taken: as votes; all False, and left so.
+    """
     yaws, rows, columns = votes.shape
     turn = 1 if yaws > 1 else 0
-    least = max(2.0, LEAST_SHARE * votes.max())
-    strong = np.argwhere(votes[:, 1 : rows - 1, 1 : columns - 1] >= least)
-    strong[:, 1:] += 1
-    sums = np.zeros(len(strong), np.int64)
-    for i in range(len(strong)):
-        y, r, c = strong[i, 0], strong[i, 1], strong[i, 2]
+    cells = votes.reshape(-1)
+    most = 0
+    for cell in twice:
+        most = max(most, cells[cell])
+    least = max(2.0, LEAST_SHARE * most)
+    strong, sums = np.empty(len(twice), np.int32), np.empty(len(twice), np.int32)
+    count, highest = 0, 0
+    for cell in twice:
+        if cells[cell] < least:
+            continue
+        y, r, c = cell // (rows * columns), cell // columns % rows, cell % columns
+        if not (0 < r < rows - 1 and 0 < c < columns - 1):
+            continue
+        total = 0
         for dy in range(-turn, turn + 1):
-            layer = votes[(y + dy) % yaws]
+            layer = votes[_around(y + dy, yaws)]
             for dr in range(-1, 2):
-                sums[i] += layer[r + dr, c - 1] + layer[r + dr, c] + layer[r + dr, c + 1]
-    taken = np.zeros(votes.shape, np.bool_)
-    found = np.empty((PEAKS, 3))
-    count = 0
-    for i in np.argsort(-sums, kind="mergesort"):
-        y, r, c = strong[i, 0], strong[i, 1], strong[i, 2]
-        if sums[i] < FEWEST or count == PEAKS:
+                total += layer[r + dr, c - 1] + layer[r + dr, c] + layer[r + dr, c + 1]
+        if total >= FEWEST:
+            strong[count], sums[count] = cell, total
+            highest = max(highest, total)
+            count += 1
+    found, kept = np.empty((PEAKS, 3)), np.empty(PEAKS, np.int32)
+    peaks = 0
+    for i in _descending(sums[:count], highest):
+        if peaks == PEAKS:
             break
+        cell = strong[i]
+        y, r, c = cell // (rows * columns), cell // columns % rows, cell % columns
         if taken[y, r, c]:
             continue
         sx, sy, turned = 0.0, 0.0, 0.0
         for dy in range(-turn, turn + 1):
+            layer = votes[_around(y + dy, yaws)]
             for dr in range(-1, 2):
                 for dc in range(-1, 2):
-                    share = votes[(y + dy) % yaws, r + dr, c + dc] / sums[i]
+                    share = layer[r + dr, c + dc] / sums[i]
                     sx, sy, turned = sx + share * dc, sy + share * dr, turned + share * dy
-        found[count, 0], found[count, 1], found[count, 2] = c + sx, r + sy, y + turned
-        count += 1
-        for dy in range(-2 * turn, 2 * turn + 1):
-            for dr in range(max(0, r - 2), min(rows, r + 3)):
-                for dc in range(max(0, c - 2), min(columns, c + 3)):
-                    taken[(y + dy) % yaws, dr, dc] = True
-    return found[:count]
+        found[peaks, 0], found[peaks, 1], found[peaks, 2] = c + sx, r + sy, y + turned
+        kept[peaks] = cell
+        peaks += 1
+        _take(taken, y, r, c, turn, True)
+    for cell in kept[:peaks]:
+        _take(taken, cell // (rows * columns), cell // columns % rows, cell % columns, turn, False)
+    return found[:peaks]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _around(y: int, yaws: int) -> int:
+    """A step of yaw that may be some beyond the first or last one."""
+    return int(y + yaws if y < 0 else (y - yaws if y >= yaws else y))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _take(taken: NDArray[np.bool_], y: int, r: int, c: int, turn: int, value: bool) -> None:
+    """Mark the cells around a peak."""
+    yaws, rows, columns = taken.shape
+    for dy in range(-2 * turn, 2 * turn + 1):
+        layer = taken[_around(y + dy, yaws)]
+        for dr in range(max(0, r - 2), min(rows, r + 3)):
+            for dc in range(max(0, c - 2), min(columns, c + 3)):
+                layer[dr, dc] = value
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _descending(sums: NDArray[np.int32], highest: int) -> NDArray[np.int32]:
+    """Order (N,) of whole numbers from the highest, equal ones as they come (a counting sort)."""
+    place = np.zeros(highest + 2, np.int32)
+    for total in sums:
+        place[highest - total + 1] += 1
+    for k in range(highest + 1):
+        place[k + 1] += place[k]
+    order = np.empty(len(sums), np.int32)
+    for i in range(len(sums)):
+        slot = highest - sums[i]
+        order[place[slot]] = i
+        place[slot] += 1
+    return order
