@@ -24,7 +24,7 @@ from zsight.catalogue_server import serve_catalogue
 from zsight.convert import cloud_from_points, points_of, pose_of
 from zsight.parameters import Parameters, Saved, serve_parameters
 from zsight.recording import player, recorder
-from zsight.viewer.selection import lens_of
+from zsight.viewer.patches import lens_of
 from zsight.viewer.status import missing_router
 from zsight_core import pcd
 from zsight_core.points import colours, from_xyz, xyz
@@ -75,7 +75,12 @@ def room() -> Points:
 class Finder(Gated):
     """Says that it found a pin at a certain place, as soon as its gate is open."""
 
+    def __init__(self) -> None:
+        super().__init__()
+        self.goals: list[FindObjectGoal] = []
+
     def execute(self, handle: GoalHandle[FindObjectGoal, FindObjectResult]) -> FindObjectResult:
+        self.goals.append(handle.goal)
         done = super().execute(handle)
         pin = DetectedObject(
             type="pin",  # thinner than its triad, and of no type that is known here
@@ -152,6 +157,15 @@ def page(chromium: Browser, scene: Scene) -> Iterator[Page]:
     opened.context.close()
 
 
+def drag(page: Page, left: float, top: float, right: float, bottom: float) -> None:
+    """A rectangle in the picture, as a hand draws it."""
+    page.mouse.move(left, top)
+    page.mouse.down()
+    page.mouse.move((left + right) / 2, (top + bottom) / 2, steps=3)
+    page.mouse.move(right, bottom, steps=3)
+    page.mouse.up()
+
+
 def test_the_cloud_is_drawn(page: Page) -> None:
     assert soon(lambda: count_near(pixels(page), RED) > 5000, PATIENCE)
     assert count_near(pixels(page), GREY) > 5000
@@ -165,11 +179,7 @@ def test_a_rectangle_publishes_what_is_seen_and_the_plane_lights_up(page: Page, 
     rows, columns = np.flatnonzero(image.any(axis=1)), np.flatnonzero(image.any(axis=0))
     left, right = float(columns[0] - 40), float(columns[-1] + 40)
     top, bottom = float(rows[0] - 40), float(rows[-1] + 40)
-    page.mouse.move(left, top)
-    page.mouse.down()
-    page.mouse.move((left + right) / 2, (top + bottom) / 2, steps=3)
-    page.mouse.move(right, bottom, steps=3)
-    page.mouse.up()
+    drag(page, left, top, right, bottom)
     received = scene.patches.take(PATIENCE)
     assert received is not None
     assert received.message.header.frame_id == FRAME
@@ -243,6 +253,37 @@ def test_a_find_is_cancelled(page: Page, scene: Scene) -> None:
     page.get_by_role("button", name="Cancel").click()
     expect(page.get_by_text("GoalCancelled")).to_be_visible()
     expect(page.get_by_role("button", name="Find", exact=True)).to_be_enabled()
+
+
+def test_a_region_is_drawn_that_finds_look_in_until_it_is_cleared(page: Page, scene: Scene) -> None:
+    scene.finder.gate.set()
+    tab(page, "Find")
+    page.keyboard.press("g")
+    expect(page.get_by_text("Drag a rectangle around what is sought")).to_be_visible()
+    corners = np.array([scene.pixel((x, y, 1.0)) for x, y in ((-0.08, -0.06), (0.04, 0.1))])
+    drag(page, *corners.min(axis=0), *corners.max(axis=0))
+    expect(page.get_by_text("Finds look only in the region that was drawn")).to_be_visible()
+    expect(page.get_by_text("Held still:")).not_to_be_visible()
+    assert soon(lambda: count_near(pixels(page), (0, 114, 178), 40) > 100, PATIENCE)
+    page.screenshot(path=SHOTS / "region.png")
+    goal = asked(page, scene)
+    assert goal.region is not None
+    assert goal.frame_id == FRAME
+    np.testing.assert_allclose(goal.region.low, (-0.1, -0.08, 0.98), atol=0.006)  # the points are 5 mm apart
+    np.testing.assert_allclose(goal.region.high, (0.06, 0.12, 1.02), atol=0.006)
+    page.get_by_role("button", name="Seek everywhere").click()
+    expect(page.get_by_text("Finds look everywhere.")).to_be_visible()
+    assert asked(page, scene).region is None
+    assert soon(lambda: count_near(pixels(page), (0, 114, 178), 40) < 100, PATIENCE)
+
+
+def asked(page: Page, scene: Scene) -> FindObjectGoal:
+    """What the finder is asked when the button is pressed."""
+    before = len(scene.finder.goals)
+    page.get_by_role("button", name="Find", exact=True).click()
+    assert soon(lambda: len(scene.finder.goals) > before, PATIENCE)
+    expect(page.get_by_role("button", name="Find", exact=True)).to_be_enabled()
+    return scene.finder.goals[-1]
 
 
 def test_a_cloud_is_downloaded_as_it_came(page: Page, scene: Scene, tmp_path: Path) -> None:
@@ -326,7 +367,8 @@ def test_surfaces_and_things_are_drawn_and_a_thing_is_asked_what_it_is(page: Pag
     expect(page.get_by_text("surface 1: finds look only there now")).to_be_visible()
     tab(page, "Find")
     page.get_by_role("button", name="Seek everywhere").click()
-    expect(page.get_by_role("button", name="Region from the selection")).to_be_visible()
+    expect(page.get_by_text("Finds look everywhere.")).to_be_visible()
+    expect(page.get_by_role("button", name="Seek everywhere")).to_be_disabled()
 
 
 def test_a_slider_changes_the_points_of_its_stage_and_the_running_service(page: Page, scene: Scene) -> None:
