@@ -10,13 +10,16 @@ import numpy as np
 import pytest
 from PIL import Image
 from playwright.sync_api import expect
+from tests.core.book_scene import T_WORLD_BLOCK, TOY_BLOCK
+from tests.core.book_scene import cloud as book_cloud
 from tests.services.browser import PATIENCE, SHOTS, chromium, count_near, open_page, pixels, tab
 from tests.services.gated_work import Gated
+from tests.services.recorded_answers import record
 from tests.services.running import running
 from tests.services.waiting import soon
 from tests.system.commands import free_port
 
-from zsight import object_catalogue, planes, viewer, voxel
+from zsight import finder, object_catalogue, planes, viewer, voxel
 from zsight.action_server import ActionServer, GoalHandle, Policy
 from zsight.bus import Bus
 from zsight.bus.memory_link import MemoryLink, MemoryNetwork
@@ -24,6 +27,7 @@ from zsight.catalogue_server import serve_catalogue
 from zsight.convert import cloud_from_points, points_of, pose_of
 from zsight.parameters import Parameters, Saved, serve_parameters
 from zsight.recording import player, recorder
+from zsight.recording.rerun import rerun
 from zsight.viewer.patches import lens_of
 from zsight.viewer.status import missing_router
 from zsight_core import pcd
@@ -42,7 +46,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from numpy.typing import ArrayLike, NDArray
-    from playwright.sync_api import Browser, Page
+    from playwright.sync_api import Browser, Locator, Page
 
     from zsight_core.points import Points
 
@@ -129,6 +133,7 @@ def scene_of(settings: viewer.Settings, folder: Path) -> Iterator[Scene]:
         own, leaf = Bus(MemoryLink(network), cell), voxel.Settings()
         stack.enter_context(running(voxel.run, own, leaf))
         serve_parameters(own, "here", "voxel", "voxel", Parameters(leaf, Saved("test", "voxel")))
+        serve_parameters(own, "here", "finder", "finder", Parameters(finder.Settings(), Saved("test", "finder")))
         work, served = Finder(), stack.enter_context(Bus(MemoryLink(network), cell))
         server = ActionServer(served, "finder", FindObjectGoal, work, Policy())
         types = serve_catalogue(served, object_catalogue.load(object_catalogue.shipped_folder()), None)
@@ -379,9 +384,8 @@ def test_a_slider_changes_the_points_of_its_stage_and_the_running_service(page: 
     page.get_by_role("button", name="Freeze the picture").click()
     expect(page.get_by_text("Held still:")).to_be_visible()
     coarse = averaged(page)
-    leaf = page.get_by_text("leaf", exact=True).locator("xpath=following::input[@type='text'][1]")
-    leaf.fill("0.01")
-    leaf.press("Enter")
+    setting(page, "leaf").fill("0.01")
+    setting(page, "leaf").press("Enter")
     expect(page.get_by_text("On the frozen cloud")).not_to_contain_text(f"{coarse:,} averaged")
     assert averaged(page) > 2 * coarse
     assert soon(lambda: count_near(pixels(page), (230, 159, 0)) > 2000, PATIENCE)
@@ -392,6 +396,67 @@ def test_a_slider_changes_the_points_of_its_stage_and_the_running_service(page: 
     assert received.message.width == averaged(page)
     page.get_by_role("button", name="Go on").click()
     expect(page.get_by_text("Held still:")).not_to_be_visible()
+
+
+def setting(page: Page, name: str) -> Locator:
+    """The box with the number of a slider."""
+    return page.get_by_text(name, exact=True).locator("xpath=following::input[@type='text'][1]")
+
+
+def test_the_finders_limits_say_of_each_point_what_became_of_it(page: Page, scene: Scene) -> None:
+    scene.send(book_cloud((TOY_BLOCK, T_WORLD_BLOCK)))
+    expect(page.get_by_text("of 307,200 points drawn")).to_be_visible()
+    tab(page, "Tune")
+    page.get_by_role("combobox", name="Process").click()
+    page.get_by_role("option", name="here/finder").click()
+    page.get_by_role("button", name="Freeze the picture").click()
+    expect(page.get_by_text("On the frozen cloud: 2 surfaces, 2 things.")).to_be_visible()
+    things = count_in_legend(page, "of a thing")
+    assert things > 500
+    page.screenshot(path=SHOTS / "limits.png")
+    setting(page, "smallest").fill("10000")
+    setting(page, "smallest").press("Enter")
+    expect(page.get_by_text("On the frozen cloud: 2 surfaces, 0 things.")).to_be_visible()
+    assert count_in_legend(page, "of a thing") == 0
+    assert count_in_legend(page, "of a thing too small (smallest)") >= things
+    assert soon(lambda: count_near(pixels(page), (204, 121, 167)) > 20, PATIENCE)
+    page.screenshot(path=SHOTS / "limits_small.png")
+    setting(page, "smallest").fill("60")
+    setting(page, "smallest").press("Enter")
+    expect(page.get_by_text("On the frozen cloud: 2 surfaces, 2 things.")).to_be_visible()
+    page.get_by_role("button", name="Go on").click()
+    expect(page.get_by_text("On the frozen cloud")).not_to_be_visible()
+    scene.send(room())
+
+
+def count_in_legend(page: Page, name: str) -> int:
+    row = page.locator("table.zs tr").filter(has=page.get_by_text(name, exact=True))
+    return int(row.locator("td").last.inner_text().replace(",", ""))
+
+
+def test_the_tuned_settings_run_over_a_recording(page: Page, tmp_path: Path) -> None:
+    network = MemoryNetwork()
+    recorded = record(lambda: Bus(MemoryLink(network), Cell("other")), tmp_path / "three.mcap")
+    tab(page, "Tune")
+    page.get_by_role("combobox", name="Process").click()
+    page.get_by_role("option", name="here/finder").click()
+    page.get_by_role("button", name="Run these settings over it").click()
+    expect(page.get_by_text("There is no file")).to_be_visible()
+    page.get_by_text("Recorded file", exact=True).locator("xpath=following::input[1]").fill(str(recorded.path))
+    page.get_by_role("button", name="Run these settings over it").click()
+    expect(page.get_by_role("button", name="Stop the run")).to_be_enabled()
+    goals = len(rerun(recorded.path, object_catalogue.load(object_catalogue.shipped_folder())))
+    expect(page.get_by_text(f"{goals} goals, 0 changed, 0 of them for the worse")).to_be_visible()
+    setting(page, "lowest").fill("0.05")
+    setting(page, "lowest").press("Enter")
+    expect(page.get_by_text("lowest is 0.05")).to_be_visible()
+    page.get_by_role("button", name="Run these settings over it").click()
+    expect(page.get_by_text(f"{goals} goals, {goals} changed, {goals} of them for the worse")).to_be_visible()
+    expect(page.locator("tr[title='1 of 1 are found no more']")).to_have_count(goals)
+    page.screenshot(path=SHOTS / "rerun.png")
+    page.get_by_role("button", name="Run these settings over it").click()
+    page.get_by_role("button", name="Stop the run").click()
+    expect(page.get_by_text("cancelled")).to_be_visible()
 
 
 def averaged(page: Page) -> int:

@@ -21,6 +21,7 @@ from zsight.viewer.record_panel import RecordPanel
 from zsight.viewer.rectangle import RectangleGesture
 from zsight.viewer.region import RegionOfInterest
 from zsight.viewer.region_panel import RegionPanel
+from zsight.viewer.rerun_panel import RerunPanel
 from zsight.viewer.scene_layer import SceneLayer
 from zsight.viewer.selection import Selection
 from zsight.viewer.server import open_server
@@ -46,6 +47,7 @@ _WIDTH = 370  # pixels of the panel: all tabs in one row, and most of a small sc
 _STYLE = """<style>
 table.zs { width: 100%; border-collapse: collapse; font-size: 0.85em; line-height: 1.35; }
 table.zs th { text-align: left; font-weight: 600; }
+table.zs .n { text-align: right; font-variant-numeric: tabular-nums; }
 table.zs td, table.zs th { padding: 0.1em 0.35em; border-bottom: 1px solid #8884; overflow-wrap: anywhere; }
 p.zs { font-size: 0.9em; margin: 0.3em 0.7em; }
 </style>"""
@@ -112,9 +114,11 @@ class Page:
                     Levelling(server, bus, clouds)
         with tabs.add_tab("Health"):
             health = HealthPanel(server, bus)
+        tune: list[Panel] = []
         if not settings.read_only:
             with tabs.add_tab("Tune"):
-                Tuning(server, bus, clouds, selection)
+                tuning = Tuning(server, bus, frames, clouds, selection, settings.budget)
+                tune = [tuning, RerunPanel(server, bus, tuning)]
         with tabs.add_tab("Keep"):
             keep = Keep(server, frames, clouds, settings.folder)
             if not settings.read_only:
@@ -124,7 +128,7 @@ class Page:
         status = StatusLine(self._words, bus, clouds, read_only=settings.read_only)
         server.on_client_connect(lambda _: clouds.redraw())
         shown: list[Panel] = [status, frames, clouds, cameras, scenes, viewpoint, selection, goals, found, region]
-        return [*shown, health, keep, *recording]
+        return [*shown, health, *tune, keep, *recording]
 
 
 @contextlib.contextmanager

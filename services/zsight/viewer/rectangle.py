@@ -27,6 +27,7 @@ class RectangleGesture:
         self._server, self._clouds = server, clouds
         self._ended: Callable[[], None] | None = None
         self._taken: Callable[[list[Patch]], None] = lambda _: None
+        self._held_before = False
         self._lock = threading.RLock()
 
     def begin(self, taken: Callable[[list[Patch]], None], ended: Callable[[], None]) -> bool:
@@ -43,18 +44,18 @@ class RectangleGesture:
             self.end()
             if not self._clouds.shown():
                 return False
-            self._taken, self._ended = taken, ended
+            self._taken, self._ended, self._held_before = taken, ended, self._clouds.held
             self._clouds.hold(still=True)
             self._server.scene.on_rect_select()(self._selected)
             return True
 
     def end(self) -> None:
-        """Wait no longer; the clouds go on."""
+        """Wait no longer; the clouds go on, unless they were held before."""
         with self._lock:
             ended, self._ended = self._ended, None
             if ended is not None:
                 self._server.scene.remove_rect_select_callback(self._selected)
-                self._clouds.hold(still=False)
+                self._clouds.hold(self._held_before)
                 ended()
 
     def _selected(self, event: viser.SceneRectSelectEvent) -> None:
