@@ -18,6 +18,7 @@ from zsight_core import segments as seg
 from zsight_core import support as sup
 from zsight_core import view as vw
 from zsight_core.holes import Hole, find_holes
+from zsight_core.scene_limits import SceneLimits
 from zsight_core.transform import inverse
 from zsight_core.wholes import Cells, join_parts
 from zsight_core.words import words_of
@@ -30,28 +31,18 @@ if TYPE_CHECKING:
     from zsight_core.support import Support
     from zsight_core.view import View
 
-__all__ = ["Checkpoint", "Scene", "Segment", "go_on", "understand", "warm_up"]
+__all__ = ["TOO_LARGE", "TOO_SMALL", "Checkpoint", "Scene", "Segment", "go_on", "understand", "warm_up"]
 
 Checkpoint = Callable[[str, float], None]
 """Called with the stage's name and the fraction done; raises errors.Cancelled to stop."""
 
-LOWEST = 0.003
-"""Metres above a surface from which a pixel is of an object, besides three standard deviations of its depth."""
-
-HIGHEST = 0.6
-"""Metres above a surface up to which things are looked at."""
-
-MARGIN = 0.015
-"""Metres beyond a surface's outline that things may hang over."""
-
-SMALLEST_SEGMENT = 60
-"""Pixels of a 640 x 480 image; smaller segments are noise."""
-
-LARGEST_SEGMENT = 0.7
-"""Metres; a longer thing is a wall or furniture."""
+TOO_SMALL, TOO_LARGE = 1, 2
+"""Fates of patches that are of no thing."""
 
 _GRID_CELL = 0.02
 """Metres; outlines are looked up on a grid of this cell."""
+
+_USUAL = SceneLimits()
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,9 +95,12 @@ class Scene:
     """Smooth pieces of the objects."""
     owner: NDArray[np.int32]
     """(K,) label of each patch, 0 where it is of no object."""
+    fate: NDArray[np.uint8]
+    """(K,) why a patch is of no object: TOO_SMALL, TOO_LARGE; else 0."""
     cells: Cells
     """Where those pieces are, in the support's frame."""
     T_world_camera: NDArray[np.float64] | None
+    limits: SceneLimits
 
 
 def go_on(stage: str, fraction: float) -> None:
@@ -118,6 +112,7 @@ def understand(
     *,
     T_world_camera: NDArray[np.float64] | None = None,
     known_height: float | None = None,
+    limits: SceneLimits = _USUAL,
     checkpoint: Checkpoint = go_on,
 ) -> Scene:
     """Support surfaces and what stands on them.
@@ -127,6 +122,7 @@ def understand(
         T_world_camera: (4, 4) pose of the cloud's frame in a world with z up; None: gravity is unknown, the dominant
             plausible plane is the support.
         known_height: world z of the support surface, metres, where it is known; needs T_world_camera.
+        limits: what counts as a thing.
         checkpoint: called between stages.
 
     Raises:
@@ -145,7 +141,7 @@ def understand(
         supports = [_with_height(support, T_world_camera) for support in supports]
     clock.stamp("support")
     checkpoint("segments", 0.5)
-    kind, over = _kinds(view, supports, noise)
+    kind, over = _kinds(view, supports, noise, limits)
     clock.stamp("heights")
     patches = seg.grow_patches(view, kind, noise)
     clock.stamp("patches")
@@ -157,7 +153,7 @@ def understand(
     owner = join_parts(cells, patches, depth, owner, _colours_of(points, view, patches)) + 2
     clock.stamp("wholes")
     pixel_labels = _paint(view.depth, kind, patches.label, owner, patches.step, noise)
-    pixel_labels, owner, found = _measure(view, supports, over, pixel_labels, owner, noise)
+    pixel_labels, owner, fate, found = _measure(view, supports, over, pixel_labels, owner, noise, limits)
     labels = _of_points(points, view, pixel_labels)
     clock.stamp("segments")
     missing = find_holes(view, kind, supports)
@@ -175,8 +171,10 @@ def understand(
         pixel_labels,
         patches,
         owner,
+        fate,
         cells,
         T_world_camera,
+        limits,
     )
 
 
@@ -188,7 +186,9 @@ def warm_up() -> None:
     depth = np.ones((16, 16), np.float32)
     planes, frames = np.zeros((1, 4)), np.zeros((1, 4, 4))
     grids, corners = np.ones((1, 2, 2), np.bool_), np.zeros((1, 2))
-    kind, _ = _classify(depth, 8.0, 8.0, 8.0, 8.0, planes, frames, grids, corners, np.zeros((1, 16, 2)), 1e-3)
+    kind, _ = _classify(
+        depth, 8.0, 8.0, 8.0, 8.0, planes, frames, grids, corners, np.zeros((1, 16, 2)), 1e-3, 3e-3, 0.6
+    )
     labels = _paint(depth, kind, np.zeros((8, 8), np.int32), np.zeros(1, np.int32), 2, 1e-3)
     over = np.zeros((16, 16), np.int8)
     normal = np.zeros((8, 8, 3), np.float32)
@@ -258,39 +258,48 @@ def _with_height(support: Support, T_world_camera: NDArray[np.float64]) -> Suppo
     return replace(support, height=float((T_world_camera @ support.T_camera_support)[2, 3]))
 
 
-def _kinds(view: View, supports: list[Support], noise: float) -> tuple[NDArray[np.uint8], NDArray[np.int8]]:
+def _kinds(
+    view: View, supports: list[Support], noise: float, limits: SceneLimits
+) -> tuple[NDArray[np.uint8], NDArray[np.int8]]:
     """Kind of each pixel and the support it belongs to, the highest support first."""
     order = sorted(range(len(supports)), key=lambda k: _rank(supports[k], supports))
     planes = np.zeros((len(order), 4))
     frames = np.zeros((len(order), 4, 4))
     lows, grids = np.zeros((len(order), 2)), []
+    reach = max(limits.margin + _GRID_CELL, 2 * _GRID_CELL)
     T_optical_cloud = inverse(view.T_cloud_optical)
     for i, k in enumerate(order):
         T_optical_support = T_optical_cloud @ supports[k].T_camera_support
         planes[i, :3] = T_optical_support[:3, 2]
         planes[i, 3] = T_optical_support[:3, 2] @ T_optical_support[:3, 3]
         frames[i] = inverse(T_optical_support)
-        lows[i] = supports[k].outline.min(axis=0) - 2 * _GRID_CELL
-        spans = supports[k].outline.max(axis=0) - lows[i] + 2 * _GRID_CELL
+        lows[i] = supports[k].outline.min(axis=0) - reach
+        spans = supports[k].outline.max(axis=0) - lows[i] + reach
         rows, columns = (int(min(np.ceil(span / _GRID_CELL), 400)) for span in spans[::-1])
-        grids.append(_grid_of(supports[k].outline, lows[i, 0], lows[i, 1], rows, columns, _GRID_CELL, MARGIN))
+        grids.append(_grid_of(supports[k].outline, lows[i, 0], lows[i, 1], rows, columns, _GRID_CELL, limits.margin))
     rows = max((len(grid) for grid in grids), default=1)
     columns = max((grid.shape[1] for grid in grids), default=1)
     stacked = np.zeros((len(order), rows, columns), np.bool_)
     for i, grid in enumerate(grids):
         stacked[i, : grid.shape[0], : grid.shape[1]] = grid
-    spans = np.array([_spans(view, inverse(frames[i]), supports[k].outline) for i, k in enumerate(order)])
+    spans = np.array(
+        [_spans(view, inverse(frames[i]), supports[k].outline, limits.margin) for i, k in enumerate(order)]
+    )
     spans = spans.reshape(-1, view.depth.shape[0], 2)
-    kind, over = _classify(view.depth, *view.pinhole, planes, frames, stacked, lows, spans, noise)
+    kind, over = _classify(
+        view.depth, *view.pinhole, planes, frames, stacked, lows, spans, noise, limits.lowest, limits.highest
+    )
     if order and order != sorted(order):
         over = np.array([*order, -1], np.int8)[over]
     return kind, over
 
 
-def _spans(view: View, T_optical_support: NDArray[np.float64], outline: NDArray[np.float64]) -> NDArray[np.float64]:
+def _spans(
+    view: View, T_optical_support: NDArray[np.float64], outline: NDArray[np.float64], margin: float
+) -> NDArray[np.float64]:
     """First and last column (H, 2) of each image row within a surface's outline and its margin."""
     out = outline - outline.mean(axis=0)
-    wider = outline + MARGIN * out / np.maximum(np.linalg.norm(out, axis=1, keepdims=True), 1e-9)
+    wider = outline + margin * out / np.maximum(np.linalg.norm(out, axis=1, keepdims=True), 1e-9)
     corners = wider @ T_optical_support[:3, :2].T + T_optical_support[:3, 3]
     corners[:, 2] = np.maximum(corners[:, 2], 0.05)
     u, v = corners[:, 0] / corners[:, 2] * view.fx + view.cx, corners[:, 1] / corners[:, 2] * view.fy + view.cy
@@ -320,7 +329,8 @@ def _measure(
     labels: NDArray[np.int32],
     owner: NDArray[np.int32],
     noise: float,
-) -> tuple[NDArray[np.int32], NDArray[np.int32], list[Segment]]:
+    limits: SceneLimits,
+) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.uint8], list[Segment]]:
     """Segments with their boxes; those that are noise or furniture lose their label, the others are renumbered."""
     count = int(owner.max()) + 1 if owner.size else 2
     T_optical_cloud = inverse(view.T_cloud_optical)
@@ -328,8 +338,9 @@ def _measure(
     rows = _extents(view.depth, *view.pinhole, labels, over, frames, count)
     renumber = np.zeros(max(count, 2), np.int32)
     renumber[:2] = 0, 1
+    fate = np.zeros(max(count, 2), np.uint8)
     found: list[Segment] = []
-    least = max(12, SMALLEST_SEGMENT * view.depth.size / 307_200)
+    least = max(12, limits.smallest * view.depth.size / 307_200)
     for k in range(2, count):
         pixels, low, high, centre, size = (
             rows[k, 0],
@@ -339,9 +350,12 @@ def _measure(
             rows[k, 4:7] - rows[k, 1:4],
         )
         base = int(rows[k, 10])
-        if pixels < least or size.max() > LARGEST_SEGMENT:
+        if pixels < least or size.max() > limits.largest:
+            fate[k] = TOO_SMALL if pixels < least else TOO_LARGE
             continue
-        if pixels < 10 * least and rows[k, 6] < 2.2 * _tolerance(view, supports[base], low + size / 2, noise):
+        if pixels < 10 * least and rows[k, 6] < 2.2 * _tolerance(
+            view, supports[base], low + size / 2, noise, limits.lowest
+        ):
             renumber[k] = 1  # a ripple of the surface
             continue
         label = len(found) + 2
@@ -351,14 +365,14 @@ def _measure(
         centroid = (supports[base].T_camera_support @ np.append(centre, 1.0))[:3]
         found.append(Segment(label, int(pixels), centroid, size, T, base, float(low[2]), float(high[2])))
     _renumber(labels, renumber)
-    return labels, renumber[owner] if owner.size else owner, found
+    return labels, renumber[owner], fate[owner], found
 
 
-def _tolerance(view: View, support: Support, place: NDArray[np.float64], noise: float) -> float:
+def _tolerance(view: View, support: Support, place: NDArray[np.float64], noise: float, lowest: float) -> float:
     """Metres above the support from which a pixel there is of an object."""
     point = (inverse(view.T_cloud_optical) @ support.T_camera_support @ np.append(place, 1.0))[:3]
     normal = inverse(view.T_cloud_optical)[:3, :3] @ support.normal
-    return float(LOWEST + 3 * noise * point[2] * abs(normal @ point))
+    return float(lowest + 3 * noise * point[2] * abs(normal @ point))
 
 
 def _of_points(points: Points, view: View, pixel_labels: NDArray[np.int32]) -> NDArray[np.int32]:
@@ -401,12 +415,14 @@ def _classify(
     lows: NDArray[np.float64],
     spans: NDArray[np.float64],
     noise: float,
+    lowest: float,
+    highest: float,
 ) -> tuple[NDArray[np.uint8], NDArray[np.int8]]:
     """Kind and support of each pixel; supports come highest first, planes (S, 4) and frames T_support_optical."""
     height, width = depth.shape
     kind = np.empty((height, width), np.uint8)
     over = np.full((height, width), -1, np.int8)
-    low, huge, spread = np.float32(LOWEST), np.float32(HIGHEST), np.float32(3 * noise)
+    low, huge, spread = np.float32(lowest), np.float32(highest), np.float32(3 * noise)
     for v in range(height):
         y = (v - cy) / fy
         line, row = depth[v], kind[v]

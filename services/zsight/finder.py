@@ -32,6 +32,7 @@ from zsight_core import scene as scene_core
 from zsight_core.errors import Cancelled, CoreError
 from zsight_core.find import Answer
 from zsight_core.points import xyz
+from zsight_core.scene_limits import SceneLimits
 from zsight_core.transform import transform_xyz
 from zsight_protocol.find_object import ANY_TYPE, Capture, FindObjectGoal, FindObjectResult, ResultCode, Status
 from zsight_protocol.geometry import TransformList
@@ -84,6 +85,31 @@ class Settings(ServiceSettings):
         le=100,
         description="scenes a second that are published without a goal, where somebody reads them (0 to 100)",
     )
+    lowest: Live[float] = Field(
+        0.003,
+        gt=0,
+        le=0.2,
+        description="height above a surface from which a point is of a thing, metres (above 0 to 0.2)",
+    )
+    highest: Live[float] = Field(
+        0.6,
+        gt=0,
+        le=5,
+        description="height above a surface up to which things are looked at, metres (above 0, up to 5)",
+    )
+    margin: Live[float] = Field(
+        0.015, ge=0, le=0.5, description="how far things may hang over the outline of a surface, metres (0 to 0.5)"
+    )
+    smallest: Live[int] = Field(
+        60, ge=12, le=10_000, description="pixels of a 640 x 480 image that a thing has at least (12 to 10000)"
+    )
+    largest: Live[float] = Field(
+        0.7, gt=0, le=10, description="length of the longest thing, metres (above 0, up to 10)"
+    )
+
+    def limits(self) -> SceneLimits:
+        """What counts as a thing."""
+        return SceneLimits.of(self.model_dump())
 
 
 def run(bus: Bus, settings: Settings) -> None:
@@ -165,7 +191,7 @@ class FindObject:
     def _scene_trouble(self, cloud: PointCloud2) -> str:
         """Make and publish the scene of a cloud; why there is none, or nothing."""
         try:
-            self._scenes.of(cloud, T_world_camera=self._gravity(cloud))
+            self._scenes.of(cloud, T_world_camera=self._gravity(cloud), limits=self._settings.limits())
         except (ZsightError, CoreError) as error:
             return str(error)
         return ""
@@ -187,7 +213,7 @@ class FindObject:
         cloud = newest[0]
         frame = asked.frame_id or self._buffer.root_of(cloud.header.frame_id)
         T_frame_camera = self._buffer.lookup(frame, cloud.header.frame_id, cloud.header.stamp.ns)
-        scene = self._scenes.of(cloud, T_world_camera=self._gravity(cloud))
+        scene = self._scenes.of(cloud, T_world_camera=self._gravity(cloud), limits=self._settings.limits())
         header = Header(stamp=cloud.header.stamp, frame_id=frame)
         kind, taught = teaching.teach(name, asked, points_of(cloud), scene, header, T_frame_camera)
         return CatalogAnswer(ok=True, types=(kind,), taught=taught)
@@ -272,6 +298,7 @@ class FindObject:
             cloud,
             T_world_camera=self._gravity(cloud),
             known_height=goal.known_height,
+            limits=self._settings.limits(),
             checkpoint=progress,
         )
         handle.notes |= {"supports": len(scene.supports), "segments": len(scene.segments)}

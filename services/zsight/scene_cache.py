@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
     from zsight.bus import Writer
     from zsight_core.scene import Checkpoint, Scene
+    from zsight_core.scene_limits import SceneLimits
     from zsight_protocol import scene as message
     from zsight_protocol.point_cloud import PointCloud2
 
@@ -37,9 +38,10 @@ class _Seen:
     scene: Scene
     types: dict[int, str] = field(default_factory=dict)
 
-    def suits(self, cloud: PointCloud2, known_height: float | None, levelled: bool) -> bool:
+    def suits(self, cloud: PointCloud2, known_height: float | None, levelled: bool, limits: SceneLimits) -> bool:
         """Whether this is the scene of that cloud; some cameras give all clouds one stamp, so it must be the same."""
-        return self.cloud is cloud and self.known_height == known_height and self.levelled == levelled
+        known = self.known_height == known_height and self.levelled == levelled
+        return self.cloud is cloud and known and self.scene.limits == limits
 
 
 class SceneCache:
@@ -58,6 +60,7 @@ class SceneCache:
         *,
         T_world_camera: NDArray[np.float64] | None,
         known_height: float | None = None,
+        limits: SceneLimits,
         checkpoint: Checkpoint = scene_core.go_on,
     ) -> Scene:
         """The scene of a cloud, made and published by whoever asks first; see zsight_core.scene.understand."""
@@ -66,10 +69,14 @@ class SceneCache:
             checkpoint("scene", 0.0)  # another goal makes a scene meanwhile, which this one need not wait for
         try:
             for seen in self._kept:
-                if seen.suits(cloud, known_height, levelled):
+                if seen.suits(cloud, known_height, levelled, limits):
                     return seen.scene
             scene = scene_core.understand(
-                points_of(cloud), T_world_camera=T_world_camera, known_height=known_height, checkpoint=checkpoint
+                points_of(cloud),
+                T_world_camera=T_world_camera,
+                known_height=known_height,
+                limits=limits,
+                checkpoint=checkpoint,
             )
             seen = _Seen(cloud, known_height, levelled, scene)
             self._kept = [seen, *self._kept[: _KEPT - 1]]

@@ -5,24 +5,21 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from tests.core.book_scene import T_WORLD_CAMERA, TOY_BLOCK, at
-from tests.core.book_scene import cloud as book_cloud
+from tests.services.recorded_answers import Recorded, find_in, record
 from tests.services.running import running
 from tests.services.waiting import soon
 
 from zsight import finder, object_catalogue
 from zsight.client import CellClient
-from zsight.convert import cloud_from_points, stamped
 from zsight.errors import UsageError
-from zsight.recording import player, recorder
+from zsight.recording import player
 from zsight.recording.bundle import bundle
 from zsight.recording.mcap_copy import Part, copy
 from zsight.recording.rerun import Tolerance, compare, rerun
-from zsight.recording_client import PlayerClient, RecorderClient
-from zsight_core.transform import from_rpy
-from zsight_protocol.geometry import Point, TransformList
-from zsight_protocol.message import Time
-from zsight_protocol.point_cloud import PointCloud2
+from zsight.recording.rerun_process import RerunProcess
+from zsight.recording_client import PlayerClient
+from zsight_core.scene_limits import SceneLimits
+from zsight_protocol.geometry import Point
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -34,53 +31,6 @@ if TYPE_CHECKING:
     Join = Callable[[], Bus]
 
 pytestmark = pytest.mark.usefixtures("warm_kernels")
-
-PLACES = (0.45, 0.55, 0.65)
-FRAME = "kinect_pc_frame"
-
-
-class Recorded:
-    """A recording, and the answers that were given while it was made."""
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self.results: list[FindObjectResult] = []
-
-
-def find_in(client: CellClient, stamp: Time) -> FindObjectResult:
-    """The answer from the cloud of this time, which the finder may not have taken yet."""
-    found: list[FindObjectResult] = []
-
-    def found_there() -> bool:
-        found[:] = [client.find("toy_block")]
-        return found[0].header.stamp == stamp
-
-    assert soon(found_there)
-    return found[0]
-
-
-def record(join: Join, path: Path) -> Recorded:
-    """The block at three places, seen by a camera that moves meanwhile; a find at each."""
-    made, test = Recorded(path), join()
-    clouds = test.writer(test.cell.points("kinect"), PointCloud2)
-    moving = test.writer(test.cell.tf, TransformList)
-    client, control = CellClient(join()), RecorderClient(test)
-    with (
-        running(recorder.run, join(), recorder.Settings(folder=str(path.parent), reserve=0.25)),
-        running(finder.run, join(), finder.Settings()),
-    ):
-        began = control.start(str(path))
-        for number, x in enumerate(PLACES):
-            T = from_rpy((0.01 * number, 0, 0), (0, 0, 0)) @ T_WORLD_CAMERA
-            stamp = Time.now()
-            moving.send(TransformList(transforms=(stamped(T, "base_link", FRAME, stamp),)))
-            points = book_cloud((TOY_BLOCK, at(x, -0.35, 0.7922, 0.3 * number)))
-            clouds.send(cloud_from_points(points, stamp, FRAME))
-            made.results.append(find_in(client, stamp))
-        assert soon(lambda: control.status().messages >= 8)
-        assert began.ok
-        control.stop()
-    return made
 
 
 @pytest.fixture(scope="module")
@@ -105,6 +55,54 @@ def test_every_goal_is_searched_again_and_nothing_has_changed(recorded: Recorded
         assert (row["object_type"], row["then"], row["now"], row["regression"]) == ("toy_block", "found", "found", "")
         assert row["moved_mm"] < 1e-6
         assert row["ms_then"] > 0
+
+
+def test_settings_that_are_tried_change_the_answers(recorded: Recorded) -> None:
+    heard: list[tuple[dict[str, Any], float]] = []
+    rows = rerun(
+        recorded.path, types(), limits=SceneLimits(lowest=0.1), say=lambda row, share: heard.append((row, share))
+    )
+    assert {row["regression"] for row in rows} == {"1 of 1 are found no more"}  # the block is 35 mm high
+    assert [(row["segments_then"], row["segments_now"]) for row in rows] == [(2, 0)] * len(rows)
+    assert [row for row, _ in heard] == rows
+    shares = [share for _, share in heard]
+    assert shares == sorted(shares)
+    assert 0 < shares[0] < shares[-1] <= 1
+
+
+def ended(process: RerunProcess) -> bool:
+    process.look()
+    return process.ended
+
+
+def test_a_run_in_a_process_of_its_own_gives_the_same(recorded: Recorded) -> None:
+    process = RerunProcess(recorded.path)
+    process.start((), SceneLimits())
+    assert soon(lambda: ended(process), 120)
+    assert process.error == ""
+    untimed = [{name: value for name, value in row.items() if name != "ms_now"} for row in process.rows]
+    assert untimed == [
+        {name: value for name, value in row.items() if name != "ms_now"} for row in rerun(recorded.path, types())
+    ]
+    assert process.share > 0.5
+
+
+def test_a_run_is_cancelled_and_its_process_ends(recorded: Recorded) -> None:
+    process = RerunProcess(recorded.path)
+    process.start((), SceneLimits())
+    process.cancel()
+    assert (process.ended, process.error) == (True, "cancelled")
+    assert not process._process.is_alive()
+    assert not process.look()
+
+
+def test_a_run_over_what_is_no_recording_says_so(tmp_path: Path) -> None:
+    (tmp_path / "no.mcap").write_bytes(b"no recording")
+    process = RerunProcess(tmp_path / "no.mcap")
+    process.start((), SceneLimits())
+    assert soon(lambda: ended(process), 120)
+    assert "no.mcap" in process.error
+    assert process.rows == []
 
 
 def test_a_type_that_is_gone_is_taken_from_the_recording(recorded: Recorded) -> None:
@@ -175,3 +173,13 @@ def test_after_a_seek_the_finder_answers_as_in_the_straight_run(recorded: Record
             expected = recorded.results[number]
             assert without_ids(find_in(client, expected.header.stamp)) == without_ids(expected)
     playing.close()
+
+
+def test_settings_that_change_no_answer_are_refused_by_name() -> None:
+    from zsight.cli.bag import _tried
+
+    assert _tried(["lowest=0.01", "smallest=100"]) == SceneLimits(lowest=0.01, smallest=100)
+    with pytest.raises(UsageError, match="queue changes no answer"):
+        _tried(["queue=3"])
+    with pytest.raises(UsageError, match="lowest is '9'"):
+        _tried(["lowest=9"])

@@ -10,13 +10,16 @@ import numpy as np
 import pytest
 from PIL import Image
 from playwright.sync_api import expect
+from tests.core.book_scene import T_WORLD_BLOCK, TOY_BLOCK
+from tests.core.book_scene import cloud as book_cloud
 from tests.services.browser import PATIENCE, SHOTS, chromium, count_near, open_page, pixels, tab
 from tests.services.gated_work import Gated
+from tests.services.recorded_answers import record
 from tests.services.running import running
 from tests.services.waiting import soon
 from tests.system.commands import free_port
 
-from zsight import object_catalogue, planes, viewer, voxel
+from zsight import finder, object_catalogue, planes, viewer, voxel
 from zsight.action_server import ActionServer, GoalHandle, Policy
 from zsight.bus import Bus
 from zsight.bus.memory_link import MemoryLink, MemoryNetwork
@@ -24,7 +27,8 @@ from zsight.catalogue_server import serve_catalogue
 from zsight.convert import cloud_from_points, points_of, pose_of
 from zsight.parameters import Parameters, Saved, serve_parameters
 from zsight.recording import player, recorder
-from zsight.viewer.selection import lens_of
+from zsight.recording.rerun import rerun
+from zsight.viewer.patches import lens_of
 from zsight.viewer.status import missing_router
 from zsight_core import pcd
 from zsight_core.points import colours, from_xyz, xyz
@@ -42,7 +46,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from numpy.typing import ArrayLike, NDArray
-    from playwright.sync_api import Browser, Page
+    from playwright.sync_api import Browser, Locator, Page
 
     from zsight_core.points import Points
 
@@ -75,7 +79,12 @@ def room() -> Points:
 class Finder(Gated):
     """Says that it found a pin at a certain place, as soon as its gate is open."""
 
+    def __init__(self) -> None:
+        super().__init__()
+        self.goals: list[FindObjectGoal] = []
+
     def execute(self, handle: GoalHandle[FindObjectGoal, FindObjectResult]) -> FindObjectResult:
+        self.goals.append(handle.goal)
         done = super().execute(handle)
         pin = DetectedObject(
             type="pin",  # thinner than its triad, and of no type that is known here
@@ -124,6 +133,7 @@ def scene_of(settings: viewer.Settings, folder: Path) -> Iterator[Scene]:
         own, leaf = Bus(MemoryLink(network), cell), voxel.Settings()
         stack.enter_context(running(voxel.run, own, leaf))
         serve_parameters(own, "here", "voxel", "voxel", Parameters(leaf, Saved("test", "voxel")))
+        serve_parameters(own, "here", "finder", "finder", Parameters(finder.Settings(), Saved("test", "finder")))
         work, served = Finder(), stack.enter_context(Bus(MemoryLink(network), cell))
         server = ActionServer(served, "finder", FindObjectGoal, work, Policy())
         types = serve_catalogue(served, object_catalogue.load(object_catalogue.shipped_folder()), None)
@@ -152,6 +162,15 @@ def page(chromium: Browser, scene: Scene) -> Iterator[Page]:
     opened.context.close()
 
 
+def drag(page: Page, left: float, top: float, right: float, bottom: float) -> None:
+    """A rectangle in the picture, as a hand draws it."""
+    page.mouse.move(left, top)
+    page.mouse.down()
+    page.mouse.move((left + right) / 2, (top + bottom) / 2, steps=3)
+    page.mouse.move(right, bottom, steps=3)
+    page.mouse.up()
+
+
 def test_the_cloud_is_drawn(page: Page) -> None:
     assert soon(lambda: count_near(pixels(page), RED) > 5000, PATIENCE)
     assert count_near(pixels(page), GREY) > 5000
@@ -165,11 +184,7 @@ def test_a_rectangle_publishes_what_is_seen_and_the_plane_lights_up(page: Page, 
     rows, columns = np.flatnonzero(image.any(axis=1)), np.flatnonzero(image.any(axis=0))
     left, right = float(columns[0] - 40), float(columns[-1] + 40)
     top, bottom = float(rows[0] - 40), float(rows[-1] + 40)
-    page.mouse.move(left, top)
-    page.mouse.down()
-    page.mouse.move((left + right) / 2, (top + bottom) / 2, steps=3)
-    page.mouse.move(right, bottom, steps=3)
-    page.mouse.up()
+    drag(page, left, top, right, bottom)
     received = scene.patches.take(PATIENCE)
     assert received is not None
     assert received.message.header.frame_id == FRAME
@@ -243,6 +258,37 @@ def test_a_find_is_cancelled(page: Page, scene: Scene) -> None:
     page.get_by_role("button", name="Cancel").click()
     expect(page.get_by_text("GoalCancelled")).to_be_visible()
     expect(page.get_by_role("button", name="Find", exact=True)).to_be_enabled()
+
+
+def test_a_region_is_drawn_that_finds_look_in_until_it_is_cleared(page: Page, scene: Scene) -> None:
+    scene.finder.gate.set()
+    tab(page, "Find")
+    page.keyboard.press("g")
+    expect(page.get_by_text("Drag a rectangle around what is sought")).to_be_visible()
+    corners = np.array([scene.pixel((x, y, 1.0)) for x, y in ((-0.08, -0.06), (0.04, 0.1))])
+    drag(page, *corners.min(axis=0), *corners.max(axis=0))
+    expect(page.get_by_text("Finds look only in the region that was drawn")).to_be_visible()
+    expect(page.get_by_text("Held still:")).not_to_be_visible()
+    assert soon(lambda: count_near(pixels(page), (0, 114, 178), 40) > 100, PATIENCE)
+    page.screenshot(path=SHOTS / "region.png")
+    goal = asked(page, scene)
+    assert goal.region is not None
+    assert goal.frame_id == FRAME
+    np.testing.assert_allclose(goal.region.low, (-0.1, -0.08, 0.98), atol=0.006)  # the points are 5 mm apart
+    np.testing.assert_allclose(goal.region.high, (0.06, 0.12, 1.02), atol=0.006)
+    page.get_by_role("button", name="Seek everywhere").click()
+    expect(page.get_by_text("Finds look everywhere.")).to_be_visible()
+    assert asked(page, scene).region is None
+    assert soon(lambda: count_near(pixels(page), (0, 114, 178), 40) < 100, PATIENCE)
+
+
+def asked(page: Page, scene: Scene) -> FindObjectGoal:
+    """What the finder is asked when the button is pressed."""
+    before = len(scene.finder.goals)
+    page.get_by_role("button", name="Find", exact=True).click()
+    assert soon(lambda: len(scene.finder.goals) > before, PATIENCE)
+    expect(page.get_by_role("button", name="Find", exact=True)).to_be_enabled()
+    return scene.finder.goals[-1]
 
 
 def test_a_cloud_is_downloaded_as_it_came(page: Page, scene: Scene, tmp_path: Path) -> None:
@@ -326,7 +372,8 @@ def test_surfaces_and_things_are_drawn_and_a_thing_is_asked_what_it_is(page: Pag
     expect(page.get_by_text("surface 1: finds look only there now")).to_be_visible()
     tab(page, "Find")
     page.get_by_role("button", name="Seek everywhere").click()
-    expect(page.get_by_role("button", name="Region from the selection")).to_be_visible()
+    expect(page.get_by_text("Finds look everywhere.")).to_be_visible()
+    expect(page.get_by_role("button", name="Seek everywhere")).to_be_disabled()
 
 
 def test_a_slider_changes_the_points_of_its_stage_and_the_running_service(page: Page, scene: Scene) -> None:
@@ -337,9 +384,8 @@ def test_a_slider_changes_the_points_of_its_stage_and_the_running_service(page: 
     page.get_by_role("button", name="Freeze the picture").click()
     expect(page.get_by_text("Held still:")).to_be_visible()
     coarse = averaged(page)
-    leaf = page.get_by_text("leaf", exact=True).locator("xpath=following::input[@type='text'][1]")
-    leaf.fill("0.01")
-    leaf.press("Enter")
+    setting(page, "leaf").fill("0.01")
+    setting(page, "leaf").press("Enter")
     expect(page.get_by_text("On the frozen cloud")).not_to_contain_text(f"{coarse:,} averaged")
     assert averaged(page) > 2 * coarse
     assert soon(lambda: count_near(pixels(page), (230, 159, 0)) > 2000, PATIENCE)
@@ -350,6 +396,67 @@ def test_a_slider_changes_the_points_of_its_stage_and_the_running_service(page: 
     assert received.message.width == averaged(page)
     page.get_by_role("button", name="Go on").click()
     expect(page.get_by_text("Held still:")).not_to_be_visible()
+
+
+def setting(page: Page, name: str) -> Locator:
+    """The box with the number of a slider."""
+    return page.get_by_text(name, exact=True).locator("xpath=following::input[@type='text'][1]")
+
+
+def test_the_finders_limits_say_of_each_point_what_became_of_it(page: Page, scene: Scene) -> None:
+    scene.send(book_cloud((TOY_BLOCK, T_WORLD_BLOCK)))
+    expect(page.get_by_text("of 307,200 points drawn")).to_be_visible()
+    tab(page, "Tune")
+    page.get_by_role("combobox", name="Process").click()
+    page.get_by_role("option", name="here/finder").click()
+    page.get_by_role("button", name="Freeze the picture").click()
+    expect(page.get_by_text("On the frozen cloud: 2 surfaces, 2 things.")).to_be_visible()
+    things = count_in_legend(page, "of a thing")
+    assert things > 500
+    page.screenshot(path=SHOTS / "limits.png")
+    setting(page, "smallest").fill("10000")
+    setting(page, "smallest").press("Enter")
+    expect(page.get_by_text("On the frozen cloud: 2 surfaces, 0 things.")).to_be_visible()
+    assert count_in_legend(page, "of a thing") == 0
+    assert count_in_legend(page, "of a thing too small (smallest)") >= things
+    assert soon(lambda: count_near(pixels(page), (204, 121, 167)) > 20, PATIENCE)
+    page.screenshot(path=SHOTS / "limits_small.png")
+    setting(page, "smallest").fill("60")
+    setting(page, "smallest").press("Enter")
+    expect(page.get_by_text("On the frozen cloud: 2 surfaces, 2 things.")).to_be_visible()
+    page.get_by_role("button", name="Go on").click()
+    expect(page.get_by_text("On the frozen cloud")).not_to_be_visible()
+    scene.send(room())
+
+
+def count_in_legend(page: Page, name: str) -> int:
+    row = page.locator("table.zs tr").filter(has=page.get_by_text(name, exact=True))
+    return int(row.locator("td").last.inner_text().replace(",", ""))
+
+
+def test_the_tuned_settings_run_over_a_recording(page: Page, tmp_path: Path) -> None:
+    network = MemoryNetwork()
+    recorded = record(lambda: Bus(MemoryLink(network), Cell("other")), tmp_path / "three.mcap")
+    tab(page, "Tune")
+    page.get_by_role("combobox", name="Process").click()
+    page.get_by_role("option", name="here/finder").click()
+    page.get_by_role("button", name="Run these settings over it").click()
+    expect(page.get_by_text("There is no file")).to_be_visible()
+    page.get_by_text("Recorded file", exact=True).locator("xpath=following::input[1]").fill(str(recorded.path))
+    page.get_by_role("button", name="Run these settings over it").click()
+    expect(page.get_by_role("button", name="Stop the run")).to_be_enabled()
+    goals = len(rerun(recorded.path, object_catalogue.load(object_catalogue.shipped_folder())))
+    expect(page.get_by_text(f"{goals} goals, 0 changed, 0 of them for the worse")).to_be_visible()
+    setting(page, "lowest").fill("0.05")
+    setting(page, "lowest").press("Enter")
+    expect(page.get_by_text("lowest is 0.05")).to_be_visible()
+    page.get_by_role("button", name="Run these settings over it").click()
+    expect(page.get_by_text(f"{goals} goals, {goals} changed, {goals} of them for the worse")).to_be_visible()
+    expect(page.locator("tr[title='1 of 1 are found no more']")).to_have_count(goals)
+    page.screenshot(path=SHOTS / "rerun.png")
+    page.get_by_role("button", name="Run these settings over it").click()
+    page.get_by_role("button", name="Stop the run").click()
+    expect(page.get_by_text("cancelled")).to_be_visible()
 
 
 def averaged(page: Page) -> int:

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from zsight.recording.player import Player
+    from zsight_core.scene_limits import SceneLimits
     from zsight_protocol.recording import PlayerState, RecorderState
 
 __all__ = ["app"]
@@ -413,6 +414,10 @@ def rerun(
     ] = None,
     tolerance_mm: Annotated[float, typer.Option("--tolerance-mm", help="How far an object may have moved.")] = 5.0,
     tolerance_deg: Annotated[float, typer.Option("--tolerance-deg", help="How far it may have turned.")] = 5.0,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="NAME=VALUE", help="Try it with another setting of the finder; may be repeated."),
+    ] = None,
     json: Json = False,
 ) -> None:
     """Every recorded goal once more against its own cloud, with today's code; exit code 1 on regressions."""
@@ -424,7 +429,11 @@ def rerun(
     types = object_catalogue.load(*folders)
     with _line() as line:
         rows = run_again(
-            file, types, tolerance=Tolerance(tolerance_mm, tolerance_deg), say=lambda n: line(f"{n} goals")
+            file,
+            types,
+            tolerance=Tolerance(tolerance_mm, tolerance_deg),
+            limits=_tried(settings or []),
+            say=lambda _, share: line(f"{share:.0%}"),
         )
     regressions = sum(bool(row["regression"]) for row in rows)
     if json:
@@ -435,6 +444,25 @@ def rerun(
     if not rows:
         raise UsageError(f"{file} holds no goal with its answer and its cloud: record all keys of the cell")
     raise typer.Exit(1 if regressions else 0)
+
+
+def _tried(settings: list[str]) -> SceneLimits:
+    """What counts as a thing, with settings of the finder that are to be tried.
+
+    Raises:
+        UsageError: a name is unknown, does not matter here, or a value is out of range.
+    """
+    from dataclasses import asdict
+
+    from zsight.finder import Settings
+    from zsight.settings import parse
+    from zsight_core.scene_limits import SceneLimits
+
+    chosen = dict(setting.partition("=")[::2] for setting in settings)
+    if idle := sorted(set(chosen) - set(asdict(SceneLimits()))):
+        known = ", ".join(asdict(SceneLimits()))
+        raise UsageError(f"--set {idle[0]} changes no answer of a recording; what does: {known}, as NAME=VALUE")
+    return parse(Settings, chosen).limits()
 
 
 def _rerun_row(row: dict[str, Any]) -> tuple[object, ...]:

@@ -17,6 +17,7 @@ from zsight.recording.opening import open_recording
 from zsight_core import find as find_core
 from zsight_core import scene as scene_core
 from zsight_core.errors import CoreError
+from zsight_core.scene_limits import SceneLimits
 from zsight_core.transform import angle_between
 
 if TYPE_CHECKING:
@@ -44,7 +45,8 @@ def rerun(
     catalogue: Catalogue,
     *,
     tolerance: Tolerance | None = None,
-    say: Callable[[int], object] = lambda _: None,
+    limits: SceneLimits | None = None,
+    say: Callable[[dict[str, Any], float], object] = lambda _row, _share: None,
 ) -> list[dict[str, Any]]:
     """Search every recorded cloud again for what it was searched for.
 
@@ -52,7 +54,8 @@ def rerun(
         path: a recording.
         catalogue: today's; types that were known then and are not now are taken from the recording.
         tolerance: what may change.
-        say: told how many goals are done.
+        limits: what counts as a thing, where it is to be tried with others than the usual ones.
+        say: told each entry as soon as it is there, and which share of the recording is done.
 
     Returns:
         One entry a goal: what was found then and now, the largest differences, and ``regression`` in words or empty.
@@ -64,20 +67,21 @@ def rerun(
     scene_core.warm_up()
     recording = open_recording(path)
     rows: list[dict[str, Any]] = []
+    length = max(recording.end_ns - recording.start_ns, 1)
     try:
         for answer in answers(recording):
-            rows.append(_row(answer, catalogue, tolerance or Tolerance()))
-            say(len(rows))
+            rows.append(_row(answer, catalogue, tolerance or Tolerance(), limits or SceneLimits()))
+            say(rows[-1], (answer.parts[-1].log_time - recording.start_ns) / length)
     finally:
         recording.close()
     return rows
 
 
-def _row(answer: Answer, catalogue: Catalogue, tolerance: Tolerance) -> dict[str, Any]:
+def _row(answer: Answer, catalogue: Catalogue, tolerance: Tolerance, limits: SceneLimits) -> dict[str, Any]:
     _add_recorded_types(answer, catalogue)
     begun = time.perf_counter()
     try:
-        now, words = _find_again(answer, catalogue), ""
+        now, words = _find_again(answer, catalogue, limits), ""
     except (ZsightError, CoreError) as error:
         now, words = None, str(error)
     row: dict[str, Any] = {
@@ -99,7 +103,7 @@ def _add_recorded_types(answer: Answer, catalogue: Catalogue) -> None:
             catalogue.add(kind, Path())
 
 
-def _find_again(answer: Answer, catalogue: Catalogue) -> FindObjectResult:
+def _find_again(answer: Answer, catalogue: Catalogue, limits: SceneLimits) -> FindObjectResult:
     """What the finder does with a goal, without a network and without a deadline."""
     goal, cloud = answer.goal, answer.cloud
     buffer, camera, stamp = answer.transforms(), cloud.header.frame_id, cloud.header.stamp.ns
@@ -107,7 +111,7 @@ def _find_again(answer: Answer, catalogue: Catalogue) -> FindObjectResult:
     T_frame_camera = buffer.lookup(frame, camera, stamp)
     gravity = None if root == camera else buffer.lookup(root, camera, stamp)
     points = points_of(cloud)
-    scene = scene_core.understand(points, T_world_camera=gravity, known_height=goal.known_height)
+    scene = scene_core.understand(points, T_world_camera=gravity, known_height=goal.known_height, limits=limits)
     found = finding.find(
         points,
         catalogue,
@@ -152,6 +156,8 @@ def compare(then: FindObjectResult, now: FindObjectResult, tolerance: Tolerance)
         "found_now": len(now.objects),
         "lost": lost,
         "new": len(left),
+        "segments_then": then.report.get("segments"),
+        "segments_now": now.report.get("segments"),
         "moved_mm": moved_mm,
         "turned_deg": turned_deg,
         "score_change": score_change,

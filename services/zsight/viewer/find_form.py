@@ -5,13 +5,11 @@ from __future__ import annotations
 import threading
 from typing import TYPE_CHECKING
 
-import numpy as np
 from viser import Icon
 
 from zsight.client import CellClient, FindOptions, answer_of
 from zsight.errors import ZsightError
 from zsight.viewer.goals import outcome
-from zsight.viewer.region import region_around
 from zsight.viewer.server import set_value
 from zsight_protocol.find_object import Capture
 
@@ -20,30 +18,25 @@ if TYPE_CHECKING:
 
     from zsight.action_client import GoalCall
     from zsight.bus import Bus
-    from zsight.viewer.frames import Frames
     from zsight.viewer.goals import Goals
-    from zsight.viewer.selection import Selection
+    from zsight.viewer.region import RegionOfInterest
     from zsight_protocol.action import Update
     from zsight_protocol.find_object import FindObjectResult
-    from zsight_protocol.geometry import Region
 
 __all__ = ["FindForm"]
 
 _NONE = "(no finder answers)"
-_BLUE = (0, 114, 178)
-_AROUND, _ABOVE = 0.05, 0.3  # metres that a region reaches beyond what was selected, and above it
 _LOOK = 2.0  # seconds between two looks at the catalogue
 
 
 class FindForm:
     """Asks a finder, as ``zsight find`` does."""
 
-    def __init__(self, server: viser.ViserServer, bus: Bus, frames: Frames, selection: Selection, goals: Goals) -> None:
-        """Args: server of the page; bus; frames; selection that a region is made of; log of goals, which draws."""
-        self._server, self._bus, self._frames, self._selection, self._goals = server, bus, frames, selection, goals
+    def __init__(self, server: viser.ViserServer, bus: Bus, region: RegionOfInterest, goals: Goals) -> None:
+        """Args: server of the page; bus; region that finds look in; log of goals, which draws."""
+        self._bus, self._region, self._goals = bus, region, goals
         self._client = CellClient(bus)
         self._call: GoalCall[FindObjectResult] | None = None
-        self._region: Region | None = None
         gui = server.gui
         self._type = gui.add_dropdown("Type", (_NONE,))
         self._all = gui.add_checkbox("All instances", False)
@@ -51,12 +44,10 @@ class FindForm:
         self._know = gui.add_checkbox("Known height", False, hint="The height of the support surface is given below")
         self._height = gui.add_number("Height, m", 0.0, step=0.001)
         self._timeout = gui.add_number("Timeout, s", 10.0, min=0.1, max=3600.0, step=0.1)
-        self._only = gui.add_button("Region from the selection", hint="Seek only around the points last selected")
         self._find = gui.add_button("Find", icon=Icon.SEARCH, color="teal", hint="Or press F")
         self._cancel = gui.add_button("Cancel", icon=Icon.X, disabled=True)
         self._bar = gui.add_progress_bar(0.0)
         self._words = gui.add_markdown("")
-        self._only.on_click(lambda _: self._choose_region())
         self._find.on_click(lambda _: self._run())
         self._cancel.on_click(lambda _: self._stop())
         gui.add_command("Find", hotkey="F").on_trigger(lambda _: self._run())
@@ -73,23 +64,6 @@ class FindForm:
                 self._type.options = names
             self._bus.stopping.wait(_LOOK)
 
-    def seek_in(self, region: Region, name: str) -> None:
-        """Narrow finds to a region, which is drawn."""
-        self._region = region
-        low, high = np.array(region.low), np.array(region.high)
-        self._server.scene.add_box("/region", _BLUE, dimensions=high - low, wireframe=True, position=(high + low) / 2)
-        self._only.label = f"Seek everywhere, not only in {name}"
-
-    def _choose_region(self) -> None:
-        if self._region is None and self._selection.last is not None:
-            self.seek_in(region_around(self._selection.last.xyz_fixed, _AROUND, _ABOVE), "the selection")
-            return
-        if self._region is None:
-            self._words.content = "Select some points first, or click a surface: the region goes around them."
-        self._region = None
-        self._server.scene.remove_by_name("/region")
-        self._only.label = "Region from the selection"
-
     def _options(self) -> FindOptions:
         options = FindOptions(
             maximum=0 if self._all.value else 1,
@@ -98,9 +72,8 @@ class FindForm:
         )
         if self._know.value:
             options["known_height"] = float(self._height.value)
-        if self._region is not None:
-            options["region"] = self._region
-            options["frame"] = self._frames.fixed
+        if (chosen := self._region.chosen) is not None:
+            options["region"], options["frame"] = chosen
         return options
 
     def _run(self) -> None:

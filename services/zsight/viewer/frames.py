@@ -91,6 +91,14 @@ class Frames:
                 continue
         return None
 
+    def T_world(self, frame: str, stamp_ns: int) -> NDArray[np.float64] | None:
+        """T_root_frame (4, 4) in the root of its tree, whose z is up; none where nothing is known above the frame."""
+        root = self._buffer.root_of(frame)
+        try:
+            return None if root == frame else self._buffer.lookup(root, frame, stamp_ns)
+        except TransformUnknown:
+            return None
+
     def update(self) -> None:
         """Take in what was heard, and draw the tree where it changed."""
         fixed_ones = self._take_in(self._static, static=True)

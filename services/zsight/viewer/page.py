@@ -18,6 +18,10 @@ from zsight.viewer.levelling import Levelling
 from zsight.viewer.picking import Picking
 from zsight.viewer.play_panel import PlayPanel
 from zsight.viewer.record_panel import RecordPanel
+from zsight.viewer.rectangle import RectangleGesture
+from zsight.viewer.region import RegionOfInterest
+from zsight.viewer.region_panel import RegionPanel
+from zsight.viewer.rerun_panel import RerunPanel
 from zsight.viewer.scene_layer import SceneLayer
 from zsight.viewer.selection import Selection
 from zsight.viewer.server import open_server
@@ -43,8 +47,9 @@ _WIDTH = 370  # pixels of the panel: all tabs in one row, and most of a small sc
 _STYLE = """<style>
 table.zs { width: 100%; border-collapse: collapse; font-size: 0.85em; line-height: 1.35; }
 table.zs th { text-align: left; font-weight: 600; }
+table.zs .n { text-align: right; font-variant-numeric: tabular-nums; }
 table.zs td, table.zs th { padding: 0.1em 0.35em; border-bottom: 1px solid #8884; overflow-wrap: anywhere; }
-p.zs { font-size: 0.9em; margin: 0.3em 0; }
+p.zs { font-size: 0.9em; margin: 0.3em 0.7em; }
 </style>"""
 
 
@@ -92,22 +97,28 @@ class Page:
             scenes = SceneLayer(server, bus, frames)
             viewpoint = Viewpoint(server, frames, clouds)
         with tabs.add_tab("Select"):
-            selection = Selection(server, bus, frames, clouds, asks=not settings.read_only)
+            gesture = RectangleGesture(server, clouds)
+            selection = Selection(server, bus, frames, clouds, gesture, asks=not settings.read_only)
         with tabs.add_tab("Find"):
             form = None if settings.read_only else server.gui.add_folder(None)
+            region = RegionOfInterest(server, frames)
             found = FoundObjects(server, frames, clouds)
             goals = Goals(server, bus, found)
             if form is not None:
                 with form:
-                    sought = FindForm(server, bus, frames, selection, goals)
+                    FindForm(server, bus, region, goals)
+                    with server.gui.add_folder("Where finds look"):
+                        RegionPanel(server, region, gesture, selection, scenes)
                 with scene_tab:
-                    scenes.on_pick = Picking(server, bus, frames, sought).picked
+                    scenes.on_pick = Picking(server, bus, frames, region).picked
                     Levelling(server, bus, clouds)
         with tabs.add_tab("Health"):
             health = HealthPanel(server, bus)
+        tune: list[Panel] = []
         if not settings.read_only:
             with tabs.add_tab("Tune"):
-                Tuning(server, bus, clouds, selection)
+                tuning = Tuning(server, bus, frames, clouds, selection, settings.budget)
+                tune = [tuning, RerunPanel(server, bus, tuning)]
         with tabs.add_tab("Keep"):
             keep = Keep(server, frames, clouds, settings.folder)
             if not settings.read_only:
@@ -116,7 +127,8 @@ class Page:
                 recording = []
         status = StatusLine(self._words, bus, clouds, read_only=settings.read_only)
         server.on_client_connect(lambda _: clouds.redraw())
-        return [status, frames, clouds, cameras, scenes, viewpoint, selection, goals, found, health, keep, *recording]
+        shown: list[Panel] = [status, frames, clouds, cameras, scenes, viewpoint, selection, goals, found, region]
+        return [*shown, health, *tune, keep, *recording]
 
 
 @contextlib.contextmanager

@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     import viser
 
     from zsight.bus import Bus
-    from zsight.viewer.find_form import FindForm
     from zsight.viewer.frames import Frames
+    from zsight.viewer.region import RegionOfInterest
     from zsight.viewer.scene_layer import Pick
     from zsight_protocol.find_object import DetectedObject
     from zsight_protocol.geometry import Region
@@ -29,9 +29,9 @@ _TIMEOUT = 5.0  # seconds for each type that a thing may be
 class Picking:
     """The panel under the scene."""
 
-    def __init__(self, server: viser.ViserServer, bus: Bus, frames: Frames, form: FindForm) -> None:
-        """Args: server of the page; bus; frames; form of the finds that a surface narrows."""
-        self._client, self._frames, self._form = CellClient(bus), frames, form
+    def __init__(self, server: viser.ViserServer, bus: Bus, frames: Frames, region: RegionOfInterest) -> None:
+        """Args: server of the page; bus; frames; region that a surface narrows finds to."""
+        self._client, self._frames, self._region = CellClient(bus), frames, region
         self._pick: Pick | None = None
         self._busy = threading.Lock()
         gui = server.gui
@@ -46,7 +46,7 @@ class Picking:
         """Something was clicked."""
         self._pick = pick
         if pick.is_surface:
-            self._form.seek_in(region_around(pick.corners, 0.0), pick.name)
+            self._region.choose(region_around(pick.corners, 0.0), pick.name)
             self._words.content = f"**{pick.name}**: finds look only there now; see the tab Find."
         elif self._busy.acquire(blocking=False):
             try:

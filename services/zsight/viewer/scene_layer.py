@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from zsight.convert import matrix_of
+from zsight.viewer.box_lines import corners_of, edges_of
 from zsight.viewer.frames import place
 from zsight_protocol.channels import Delivery
 from zsight_protocol.scene import Scene
@@ -72,6 +73,15 @@ class SceneLayer:
             self._next = time.monotonic() + _PERIOD
             self.draw()
 
+    def surfaces(self) -> list[tuple[NDArray[np.float64], NDArray[np.float64]]]:
+        """Of every surface T_fixed_surface (4, 4), with z up from it, and its outline (K, 2) in that frame, metres."""
+        found: list[tuple[NDArray[np.float64], NDArray[np.float64]]] = []
+        for scene in list(self._scenes.values()):
+            T = self._frames.T_fixed(scene.header.frame_id, scene.header.stamp.ns)
+            if T is not None:
+                found += [(T @ matrix_of(s.pose), np.array(s.outline).reshape(-1, 2)) for s in scene.supports]
+        return found
+
     def draw(self) -> None:
         """Draw all scenes; what is no longer there goes."""
         with self._lock:
@@ -104,7 +114,7 @@ class SceneLayer:
         rim = np.stack([corners, np.roll(corners, -1, axis=0)], axis=1)
         self._server.scene.add_line_segments(f"{node}/rim", rim, _SURFACE, thickness=2.0, thickness_units="screen")
         low, high = corners.min(axis=0), corners.max(axis=0) + np.array([0, 0, _ABOVE])
-        space = _corners(low, high) @ T_fixed[:3, :3].T + T_fixed[:3, 3]
+        space = corners_of(low, high) @ T_fixed[:3, :3].T + T_fixed[:3, 3]
         pick = Pick(f"surface {number + 1}", True, camera, 0, space)
         handle.on_click(lambda _: self.on_pick(pick))
 
@@ -115,10 +125,9 @@ class SceneLayer:
         handle = self._server.scene.add_box(
             node, colour, 2 * half, opacity=0.12, side="double", cast_shadow=False, **place(T_fixed)
         )
-        corners = _corners(-half, half)
-        edges = np.array([(corners[a], corners[b]) for a in range(8) for b in range(a) if (a ^ b).bit_count() == 1])
+        corners = corners_of(-half, half)
         scene, name = self._server.scene, segment.type or f"unknown {segment.label}"
-        scene.add_line_segments(f"{node}/edges", edges, colour, thickness=2.0, thickness_units="screen")
+        scene.add_line_segments(f"{node}/edges", edges_of(corners), colour, thickness=2.0, thickness_units="screen")
         foot = (0.0, 0.0, -float(half[2]))
         scene.add_label(f"{node}/name", name, position=foot, font_screen_scale=0.7, anchor="top-center")
         pick = Pick(name, False, camera, segment.label, corners @ T_fixed[:3, :3].T + T_fixed[:3, 3])
@@ -141,9 +150,3 @@ class SceneLayer:
         node = f"/scene/{camera}/{name}"
         self._nodes.add(node)
         return node
-
-
-def _corners(low: NDArray[np.floating], high: NDArray[np.floating]) -> NDArray[np.float64]:
-    """(8, 3) of a box; bit i of the row number says which end of axis i."""
-    rows = np.arange(8)[:, np.newaxis] >> np.arange(3) & 1
-    return np.where(rows, high, low).astype(np.float64)

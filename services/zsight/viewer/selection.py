@@ -3,17 +3,12 @@
 from __future__ import annotations
 
 import threading
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import numpy as np
 from viser import Icon
 
-from zsight.convert import cloud_from_points, matrix_of, points_of
+from zsight.convert import matrix_of
 from zsight.viewer.frames import place
-from zsight_core.points import xyz
-from zsight_core.transform import from_quaternion, inverse, transform_xyz
-from zsight_core.visible import Lens, Rectangle, visible
 from zsight_protocol.channels import Delivery
 from zsight_protocol.geometry import Plane
 from zsight_protocol.point_cloud import PointCloud2
@@ -22,61 +17,36 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     import viser
-    from numpy.typing import NDArray
 
     from zsight.bus import Bus, Writer
-    from zsight.viewer.clouds import Clouds, Shown
+    from zsight.viewer.clouds import Clouds
     from zsight.viewer.frames import Frames
+    from zsight.viewer.patches import Patch
+    from zsight.viewer.rectangle import RectangleGesture
 
-__all__ = ["Patch", "Selection", "patches"]
+__all__ = ["Selection"]
 
 _PATIENCE = 3.0  # seconds until the words say that no plane came
+_BEGIN, _STOP = "Select a rectangle", "Stop selecting"
 _HOW = "Press the button, then drag a rectangle over a flat place. The clouds hold still meanwhile."
-
-
-@dataclass(frozen=True, eq=False)
-class Patch:
-    """The points of one cloud that were seen in a rectangle: (1, M) in the cloud's frame, (M, 3) in the fixed one."""
-
-    shown: Shown
-    message: PointCloud2
-    xyz_fixed: NDArray[np.floating]
-
-
-def patches(clouds: list[Shown], lens: Lens, part: Rectangle, disc: float) -> list[Patch]:
-    """What is seen of each cloud in a part of the picture; clouds hide each other.
-
-    Args:
-        clouds: on the screen; chosen among are all their points, not only those that are drawn.
-        lens: the eye, in the fixed frame.
-        part: the rectangle.
-        disc: diameter that a point is drawn with, metres.
-    """
-    if not clouds:
-        return []
-    points = [points_of(shown.cloud) for shown in clouds]
-    placed = [
-        transform_xyz(shown.T_fixed_cloud, xyz(each).reshape(-1, 3).astype(np.float64))
-        for shown, each in zip(clouds, points, strict=True)
-    ]
-    mask = visible(np.concatenate(placed), lens, part, disc)
-    ends = np.cumsum([len(each) for each in placed])[:-1]
-    found = []
-    for shown, each, moved, chosen in zip(clouds, points, placed, np.split(mask, ends), strict=True):
-        if chosen.any():
-            header = shown.cloud.header
-            patch = cloud_from_points(each[chosen.reshape(each.shape)][np.newaxis], header.stamp, header.frame_id)
-            found.append(Patch(shown, patch, moved[chosen]))
-    return found
 
 
 class Selection:
     """The panel of selections, and what comes back."""
 
-    def __init__(self, server: viser.ViserServer, bus: Bus, frames: Frames, clouds: Clouds, *, asks: bool) -> None:
-        """Args: server of the page; bus; frames; clouds that are selected from; asks: false shows planes only."""
+    def __init__(
+        self,
+        server: viser.ViserServer,
+        bus: Bus,
+        frames: Frames,
+        clouds: Clouds,
+        gesture: RectangleGesture,
+        *,
+        asks: bool,
+    ) -> None:
+        """Args: server of the page; bus; frames; clouds; gesture that selects; asks: false shows planes only."""
         self.last: Patch | None = None
-        self._server, self._bus, self._frames, self._clouds = server, bus, frames, clouds
+        self._server, self._bus, self._frames, self._clouds, self._gesture = server, bus, frames, clouds, gesture
         self._planes = bus.reader(bus.cell.plane("*"), Plane, delivery=Delivery.EVERY)
         self._plane: Plane | None = None
         self._writers: dict[str, Writer[PointCloud2]] = {}
@@ -85,42 +55,25 @@ class Selection:
         self._generation = frames.generation
         gui = server.gui
         if asks:
-            self._button = gui.add_button("Select a rectangle", icon=Icon.MARQUEE_2, hint="Or press R")
+            self._button = gui.add_button(_BEGIN, icon=Icon.MARQUEE_2, hint="Or press R")
             self._button.on_click(lambda _: self._toggle())
-            gui.add_command("Select a rectangle", hotkey="R").on_trigger(lambda _: self._toggle())
+            gui.add_command(_BEGIN, hotkey="R").on_trigger(lambda _: self._toggle())
         self._words = gui.add_markdown(_HOW if asks else "Planes that others select are shown here.")
         gui.add_button("Clear", hint="Forget the plane").on_click(lambda _: self._clear())
-        self._selecting = False
 
     def _toggle(self) -> None:
-        self._end() if self._selecting else self._begin()
-
-    def _begin(self) -> None:
-        with self._lock:
-            self._selecting = True
-        if not self._clouds.shown():
+        if self._button.label == _STOP:
+            self._gesture.end()
+        elif self._gesture.begin(self._selected, self._ended):
+            self._button.label = _STOP
+            self._words.content = "**Drag a rectangle** in the picture. The clouds hold still."
+        else:
             self._words.content = "There is no cloud on the screen to select from: is a camera running, and shown?"
-            self._selecting = False
-            return
-        self._clouds.hold(still=True)
-        self._button.label = "Stop selecting"
-        self._words.content = "**Drag a rectangle** in the picture. The clouds hold still."
-        self._server.scene.on_rect_select()(self._selected)
 
-    def _end(self) -> None:
-        with self._lock:
-            if not self._selecting:
-                return
-            self._selecting = False
-        self._server.scene.remove_rect_select_callback(self._selected)
-        self._button.label = "Select a rectangle"
-        self._clouds.hold(still=False)
+    def _ended(self) -> None:
+        self._button.label = _BEGIN
 
-    def _selected(self, event: viser.SceneRectSelectEvent) -> None:
-        shown = self._clouds.shown()
-        part = Rectangle(*event.screen_min, *event.screen_max)
-        found = patches(shown, lens_of(event.client.camera), part, self._clouds.disc)
-        self._end()
+    def _selected(self, found: list[Patch]) -> None:
         if not found:
             self._words.content = "No point was seen in this rectangle."
             return
@@ -185,13 +138,6 @@ class Selection:
         self._server.scene.remove_by_name("/plane")
         self._clouds.clear_planes()
         self._words.content = _HOW
-
-
-def lens_of(camera: viser.CameraHandle) -> Lens:
-    """The eye of a browser, in the fixed frame."""
-    w, x, y, z = camera.wxyz
-    tangent = float(np.tan(camera.fov / 2))
-    return Lens(inverse(from_quaternion(camera.position, (x, y, z, w))), tangent * camera.aspect, tangent)
 
 
 def _describe(plane: Plane, patch: Patch | None) -> str:
