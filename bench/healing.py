@@ -238,7 +238,7 @@ def finder_killed(site: Site) -> tuple[float, float]:
     """The finder is killed while it works on a goal. Healed counts from when its supervisor's new one is ready."""
     hurt = 0.0
     try:
-        for update in site.watch.client.start_find("toy_block", timeout=20.0):
+        for update in site.watch.client.start_find("any", timeout=20.0):  # one type may be found too soon
             if not hurt and not update.final:
                 hurt = time.monotonic()
                 site.kill(_MIND, "finder")
