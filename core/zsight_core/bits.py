@@ -32,7 +32,10 @@ STEEP_CELL = 0.3
 """Least level part of a normal from which the way it faces is known."""
 
 RIM_WINDOW = 3
-"""Cells to each side from which the way a rim faces is taken."""
+"""Cells to each side from which the way a rim faces is taken, where they are within RIM_REACH."""
+
+RIM_REACH = 3.8
+"""The same in distances between neighbouring cells; nearer ones count more: steps of the grid must not turn it."""
 
 
 class Bits(NamedTuple):
@@ -115,15 +118,28 @@ def _bits(  # noqa: C901  one compiled loop over cells; splitting it would pass 
             ends = True
         if not ends:
             continue
-        n, sx, sy = 0, 0.0, 0.0
+        reach = np.inf  # squared
+        for k in range(4):
+            j, q = r + (1, -1, 0, 0)[k], c + (0, 0, 1, -1)[k]
+            if 0 <= j < grid.shape[0] and 0 <= q < grid.shape[1] and grid[j, q] >= 0:
+                other = grid[j, q]
+                if abs(points[other, 2] - points[i, 2]) < gates[i]:
+                    dx, dy = points[other, 0] - points[i, 0], points[other, 1] - points[i, 1]
+                    reach = min(reach, RIM_REACH * RIM_REACH * (dx * dx + dy * dy))
+        n, total_weight, sx, sy = 0, 0.0, 0.0, 0.0
         for j in range(max(0, r - RIM_WINDOW), min(grid.shape[0], r + RIM_WINDOW + 1)):
             for q in range(max(0, c - RIM_WINDOW), min(grid.shape[1], c + RIM_WINDOW + 1)):
                 other = grid[j, q]
-                if other >= 0 and abs(points[other, 2] - points[i, 2]) < gates[i]:
+                if other < 0 or abs(points[other, 2] - points[i, 2]) >= gates[i]:
+                    continue
+                dx, dy = points[other, 0] - points[i, 0], points[other, 1] - points[i, 1]
+                if dx * dx + dy * dy < reach:
+                    weight = 1 - (dx * dx + dy * dy) / reach
                     n += 1
-                    sx += points[other, 0] - points[i, 0]
-                    sy += points[other, 1] - points[i, 1]
-        if n < 6 or sx * sx + sy * sy < (0.001 * n) ** 2:
+                    total_weight += weight
+                    sx += weight * dx
+                    sy += weight * dy
+        if n < 6 or sx * sx + sy * sy < (0.001 * total_weight) ** 2:
             continue
         where[count] = points[i]
         azimuth[count] = np.arctan2(-sy, -sx)

@@ -1,0 +1,28 @@
+"""Oriented bits: the rim of a level top faces away from it, whichever way it runs through the image."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from tests.core.book_scene import T_WORLD_CAMERA, TABLE_HEIGHT, TOY_BLOCK, at, cloud
+
+from zsight_core.bits import RIM
+from zsight_core.clues import clues_of
+from zsight_core.scene import understand
+
+pytestmark = pytest.mark.usefixtures("warm_kernels")
+
+
+@pytest.mark.parametrize("degrees", range(0, 90, 9))
+def test_the_rims_of_a_block_face_away_from_its_sides(degrees: float) -> None:
+    turned = np.radians(degrees)
+    points = cloud((TOY_BLOCK, at(0.5, -0.3, TABLE_HEIGHT + 0.0175, turned)))
+    scene = understand(points, T_world_camera=T_WORLD_CAMERA)
+    clues = clues_of(scene)
+    R_world_support = (T_WORLD_CAMERA @ clues.stacked[0])[:3, :3]
+    side = R_world_support.T @ (np.cos(turned), np.sin(turned), 0.0)
+    rims = clues.bits.azimuth[clues.bits.kind == RIM]
+    off = np.degrees((rims - np.arctan2(side[1], side[0]) + np.pi / 4) % (np.pi / 2) - np.pi / 4)
+    assert len(rims) > 20
+    assert abs(np.median(off)) < 4
+    assert np.percentile(abs(off), 75) < 10  # those at corners face between two sides
