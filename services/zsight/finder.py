@@ -437,6 +437,9 @@ class FindObject:
         """
         camera, stamp = cloud.header.frame_id, cloud.header.stamp.ns
         patience = time.monotonic() + min(_TRANSFORM_PATIENCE, handle.seconds_left() / 2)
+        for reader in (self._static, self._moving):
+            # What has come before the cloud must be known, or it is made up from what is older and newer.
+            reader.caught_up(max(patience - time.monotonic(), 0.0))
         while True:
             frame = handle.goal.frame_id or self._buffer.root_of(camera)
             try:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import threading
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -223,6 +224,24 @@ def test_what_a_writer_latched_goes_with_it(join: Join) -> None:
 
 
 # Bad bytes.
+
+
+def test_who_waits_for_a_reader_to_catch_up_waits_for_its_taker(join: Join) -> None:
+    sender, receiver = join(), join()
+    reader = receiver.reader(receiver.cell.tf, TransformList)
+    assert reader.caught_up(0)
+    writer = sender.writer(sender.cell.tf, TransformList)
+    assert soon(writer.has_readers)
+    writer.send(transforms("a"))
+    writer.send(transforms("b"))
+    assert reader.take(DEADLINE) is not None
+    assert not reader.caught_up(0)  # one is in hand, the other waits or is on its way
+    assert reader.take(DEADLINE) is not None
+    assert not reader.caught_up(0)
+    with ThreadPoolExecutor() as pool:
+        waiting = pool.submit(reader.caught_up, DEADLINE)
+        assert reader.take(0) is None
+        assert waiting.result()
 
 
 @pytest.mark.parametrize("bad", [b"", b"\xc1", b"\xff" * 9, encode(plane(1))])

@@ -71,6 +71,8 @@ class Reader(Generic[M]):
         self._stopping = stopping
         self._tell_closed = closed
         self._closed = False
+        self._came = 0  # messages so far
+        self._in_hand = False  # one was taken, and its taker has not come back yet
         self._raw: RawReader | None = None
 
     def attach(self, raw: RawReader) -> None:
@@ -91,7 +93,8 @@ class Reader(Generic[M]):
             if missing and self._delivery is Delivery.EVERY:
                 log.warning("%d messages on %s were lost on the way", missing, sample.key)
             self._pending.put(Arrived(sample, payload, attachment, now, missing))
-            self._changed.notify()
+            self._came += 1
+            self._changed.notify_all()
 
     def take(self, timeout: float | None = None) -> Received[M] | None:
         """The next message; none when timeout seconds have passed, or the bus stops.
@@ -99,11 +102,28 @@ class Reader(Generic[M]):
         A message that is not what its channel carries is logged, counted and skipped.
         """
         deadline = None if timeout is None else time.monotonic() + timeout
+        self._hold(False)
         while (arrived := self._next(deadline)) is not None:
             received = self._decoded(arrived)
             if received is not None and not self._is_overtaken(arrived):
                 return self._counted(received)
+            self._hold(False)
         return None
+
+    def caught_up(self, timeout: float) -> bool:
+        """Wait until whoever takes messages is done with all that have come so far; false where that takes too long."""
+        with self._changed:
+            came = self._came
+            return self._changed.wait_for(lambda: self._done() >= came or self._is_over(), timeout)
+
+    def _done(self) -> int:
+        return self._came - len(self._pending) - self._in_hand
+
+    def _hold(self, held: bool) -> None:
+        with self._changed:
+            if held != self._in_hand:
+                self._in_hand = held
+                self._changed.notify_all()
 
     def _next(self, deadline: float | None) -> Arrived | None:
         with self._changed:
@@ -111,6 +131,7 @@ class Reader(Generic[M]):
             while not self._is_over() or (self._delivery is Delivery.EVERY and len(self._pending)):
                 arrived, patience = self._pending.next()
                 if arrived is not None:
+                    self._in_hand = True
                     return arrived
                 left = None if deadline is None else deadline - time.monotonic()
                 if left is not None and left <= 0:
