@@ -35,7 +35,7 @@ __all__ = ["Candidate", "Candidates", "Counts", "Trials", "near", "net", "rank_o
 ON_SURFACE, ON_TOP, ON_NOTHING = 2e-5, 0.0015, 0.004
 """Metres by which the height of a foot may be off on the surface, on a top that is seen, and on what is not seen."""
 
-HANDICAP = 1.5
+HANDICAP = 2.7
 """Logarithm of odds that something has to make up for when nothing is seen that it could stand on."""
 
 QUICK_PIXELS = 200
