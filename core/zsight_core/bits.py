@@ -32,10 +32,7 @@ STEEP_CELL = 0.3
 """Least level part of a normal from which the way it faces is known."""
 
 RIM_WINDOW = 3
-"""Cells to each side from which the way a rim faces is taken, where they are within RIM_REACH."""
-
-RIM_REACH = 3.8
-"""The same in distances between neighbouring cells; nearer ones count more: steps of the grid must not turn it."""
+"""Cells to each side from which the way a rim faces is taken."""
 
 
 class Bits(NamedTuple):
@@ -118,28 +115,20 @@ def _bits(  # noqa: C901  one compiled loop over cells; splitting it would pass 
             ends = True
         if not ends:
             continue
-        reach = np.inf  # squared
-        for k in range(4):
-            j, q = r + (1, -1, 0, 0)[k], c + (0, 0, 1, -1)[k]
-            if 0 <= j < grid.shape[0] and 0 <= q < grid.shape[1] and grid[j, q] >= 0:
-                other = grid[j, q]
-                if abs(points[other, 2] - points[i, 2]) < gates[i]:
-                    dx, dy = points[other, 0] - points[i, 0], points[other, 1] - points[i, 1]
-                    reach = min(reach, RIM_REACH * RIM_REACH * (dx * dx + dy * dy))
-        n, total_weight, sx, sy = 0, 0.0, 0.0, 0.0
+        radius = (RIM_WINDOW + 0.5) ** 2 * _spacing(grid, points, gates, r, c)
+        n, weight, sx, sy = 0, 0.0, 0.0, 0.0
         for j in range(max(0, r - RIM_WINDOW), min(grid.shape[0], r + RIM_WINDOW + 1)):
             for q in range(max(0, c - RIM_WINDOW), min(grid.shape[1], c + RIM_WINDOW + 1)):
                 other = grid[j, q]
-                if other < 0 or abs(points[other, 2] - points[i, 2]) >= gates[i]:
-                    continue
-                dx, dy = points[other, 0] - points[i, 0], points[other, 1] - points[i, 1]
-                if dx * dx + dy * dy < reach:
-                    weight = 1 - (dx * dx + dy * dy) / reach
-                    n += 1
-                    total_weight += weight
-                    sx += weight * dx
-                    sy += weight * dy
-        if n < 6 or sx * sx + sy * sy < (0.001 * total_weight) ** 2:
+                if other >= 0 and abs(points[other, 2] - points[i, 2]) < gates[i]:
+                    dx, dy = points[other, 0] - points[i, 0], points[other, 1] - points[i, 1]
+                    near = 1.0 - (dx * dx + dy * dy) / radius  # as if seen from above through a round window
+                    if near > 0:
+                        n += 1
+                        weight += near
+                        sx += near * dx
+                        sy += near * dy
+        if n < 6 or sx * sx + sy * sy < (0.001 * weight) ** 2:
             continue
         where[count] = points[i]
         azimuth[count] = np.arctan2(-sy, -sx)
@@ -147,3 +136,16 @@ def _bits(  # noqa: C901  one compiled loop over cells; splitting it would pass 
         over[count] = support[i]
         count += 1
     return where[:count], azimuth[:count], kind[:count], over[:count]
+
+
+@njit(cache=True, nogil=True)
+def _spacing(grid: NDArray[np.int32], points: NDArray[np.float64], gates: NDArray[np.float64], r: int, c: int) -> float:
+    """Square of the metres to the nearest cell of the same height beside a cell; next to nothing where there is none."""
+    i, least = grid[r, c], np.inf
+    for k in range(4):
+        j, q = r + (1, -1, 0, 0)[k], c + (0, 0, 1, -1)[k]
+        if 0 <= j < grid.shape[0] and 0 <= q < grid.shape[1] and grid[j, q] >= 0:
+            other = grid[j, q]
+            if abs(points[other, 2] - points[i, 2]) < gates[i]:
+                least = min(least, (points[other, 0] - points[i, 0]) ** 2 + (points[other, 1] - points[i, 1]) ** 2)
+    return least if least < np.inf else 1e-12

@@ -14,10 +14,12 @@ import numpy as np
 from numba import njit
 
 from zsight_core import refine, verify
+from zsight_core.claims import ROOM_SHARED, Claim, claimed
 from zsight_core.clues import Clues, Hypothesis, clues_of
+from zsight_core.contest import TELLING, lead
 from zsight_core.model import Mesh, size_of
 from zsight_core.overlap import shared
-from zsight_core.recognise import hypotheses
+from zsight_core.recognise import hypotheses, turned
 from zsight_core.score import logit_of, probability
 from zsight_core.solid import Solid, solid_of
 from zsight_core.verify import Evidence
@@ -28,12 +30,12 @@ if TYPE_CHECKING:
     from zsight_core.model import ObjectModel, Shape
     from zsight_core.scene import Checkpoint, Scene
 
-__all__ = ["Candidate", "Candidates", "Counts", "Trials", "near", "rank_of", "warm_up"]
+__all__ = ["Candidate", "Candidates", "Counts", "Trials", "near", "net", "rank_of", "warm_up"]
 
 ON_SURFACE, ON_TOP, ON_NOTHING = 2e-5, 0.0015, 0.004
 """Metres by which the height of a foot may be off on the surface, on a top that is seen, and on what is not seen."""
 
-HANDICAP = 1.5
+HANDICAP = 2.7
 """Logarithm of odds that something has to make up for when nothing is seen that it could stand on."""
 
 QUICK_PIXELS = 200
@@ -51,7 +53,7 @@ LOOKS_AT_ONCE = 200
 FITS_AT_ONCE = 10
 """Fits between two checkpoints."""
 
-ROUGHLY_FITTED = 60
+ROUGHLY_FITTED = 120
 """Hypotheses that are roughly fitted at most, the best of the quick looks."""
 
 A_PLACE = 8
@@ -78,11 +80,14 @@ LIKELY = -4.0
 RANKED_BEHIND = 8.0
 """Logarithm of odds by which a rough fit may be behind the best of its place and still be fitted well."""
 
-ROOM_SHARED = 0.3
-"""Share of a solid that may at most lie inside of another one: poses and hulls are not exact."""
-
 EXPLAINED = 15.0
 """Logarithm of odds that a pose gains by explaining e times the pixels of another one."""
+
+TURNED_BEHIND = 40.0
+"""Pixels by which a rough fit of another way to rest may be behind and still be fitted well."""
+
+WELL_TURNED = 10
+"""Other ways to rest at a place that are well fitted at most."""
 
 DOUBTFUL = 0.15
 """Probability from which a candidate is fitted once more."""
@@ -107,6 +112,8 @@ class Trials(NamedTuple):
     """All that were fitted well."""
     kept: list[Candidate]
     """The best of each place."""
+    alike: list[list[Candidate]]
+    """Of each of them, other ways to rest there that the image does not tell from it."""
 
 
 class Counts(NamedTuple):
@@ -141,6 +148,13 @@ class Candidates:
             known = self._known[id(model.shape)] = _Known(model.shape, *self.among(model, self.clues))
         return known.trials, known.counts
 
+    def claim(self, model: ObjectModel, candidate: Candidate) -> Claim:
+        """What a candidate of a type explains."""
+        view, solid = self.scene.view, solid_of(model.shape, coarse=True)
+        T = self.clues.frames[candidate.hypothesis.support] @ candidate.hypothesis.T_support_model
+        pixels = claimed(view.depth, view.pinhole, solid.vertices, solid.faces, T, self.scene.noise)
+        return Claim(solid, T, pixels, candidate.probability * net(candidate))
+
     def knows(self, model: ObjectModel) -> bool:
         """True where the type was looked for already."""
         return id(model.shape) in self._known
@@ -156,13 +170,48 @@ class Candidates:
         chosen = _best_few_of_each_place(rough, min(size_of(model.shape)))
         tried = self._fitted(solid, chosen, pixels=900, steps=8, look=4000)
         kept = self._polished(solid, _one_a_place(tried, solid_of(model.shape, coarse=True)))
-        return Trials(tried, kept), Counts(len(guesses), len(best))
+        settled = [self._settled(model.shape, solid, candidate, tried) for candidate in kept]
+        return Trials(tried, [s[0] for s in settled], [s[1] for s in settled]), Counts(len(guesses), len(best))
 
     def _polished(self, solid: Solid, candidates: list[Candidate]) -> list[Candidate]:
         """Fitted once more: the first fit may have come from too far for its finest steps to catch every face."""
         doubtful = [candidate.hypothesis for candidate in candidates if candidate.probability >= DOUBTFUL]
         better = iter(self._fitted(solid, doubtful, pixels=3000, steps=14, look=4000))
         return [next(better) if candidate.probability >= DOUBTFUL else candidate for candidate in candidates]
+
+    def _settled(
+        self, shape: Shape, solid: Solid, found: Candidate, tried: list[Candidate]
+    ) -> tuple[Candidate, list[Candidate]]:
+        """The way to rest at a place that the image is most for, and those that it does not tell from it."""
+        guesses = turned(shape, self.clues, found.hypothesis) if found.probability > DOUBTFUL else []
+        if not guesses:
+            return found, []
+        hull, here = solid_of(shape, coarse=True), found.hypothesis
+
+        def is_here(other: Candidate) -> bool:
+            T, same = other.hypothesis.T_support_model, other.hypothesis.support == here.support
+            return same and shared(hull, here.T_support_model, hull, T) > ROOM_SHARED
+
+        rough = self._fitted(solid, guesses, pixels=300, steps=ROUGH_STEPS, look=800)
+        rough = [candidate for candidate in rough if candidate.logit > LIKELY and is_here(candidate)]
+        ahead = [self._lead(solid, candidate, found) for candidate in rough]
+        close = [k for k in np.argsort(-np.array(ahead), kind="stable") if ahead[k] > -TURNED_BEHIND][:WELL_TURNED]
+        others = [candidate for candidate in tried if candidate is not found and is_here(candidate)]
+        others += self._fitted(solid, [rough[k].hypothesis for k in close], pixels=900, steps=8, look=4000)
+        others = [other for other in others if other.probability > DOUBTFUL]
+        best = found
+        for other in others:
+            if self._lead(solid, other, best) > TELLING:
+                best = other
+        if best is not found:
+            best = self._polished(solid, [best])[0]
+        return best, [other for other in (found, *others) if self._lead(solid, best, other) < TELLING]
+
+    def _lead(self, solid: Solid, one: Candidate, other: Candidate) -> float:
+        """Pixels by which one candidate explains more than another one of the same solid."""
+        view = self.scene.view
+        T_a, T_b = (self.clues.frames[c.hypothesis.support] @ c.hypothesis.T_support_model for c in (one, other))
+        return lead(view.depth, view.pinhole, solid.vertices, solid.faces, T_a, T_b, self.scene.noise)
 
     def _fitted(self, solid: Solid, guesses: list[Hypothesis], pixels: int, steps: int, look: int) -> list[Candidate]:
         found: list[Candidate] = []
@@ -203,6 +252,11 @@ class Candidates:
 def rank_of(candidate: Candidate) -> float:
     """For poses at one place: odds, and how much of what is seen is explained; else a mug would hide its handle."""
     return candidate.logit + EXPLAINED * log(max(candidate.evidence.match, 1.0))
+
+
+def net(candidate: Candidate) -> float:
+    """Pixels that it explains, less those that speak against it."""
+    return candidate.evidence.match - 2 * candidate.evidence.through
 
 
 def near(a: Hypothesis, b: Hypothesis, metres: float, degrees: float) -> bool:

@@ -32,10 +32,10 @@ SMALLEST_TOP = 20
 LOWEST_CARRIER = 0.01
 """Metres over a surface from which a top may carry something."""
 
-UNSEEN = 0.02
+UNSEEN = 0.015
 """Metres over a surface from which something may stand on what is not seen."""
 
-LOWEST_UNSEEN = 0.04
+LOWEST_UNSEEN = 0.015
 """Metres; lower things show too little of their sides to tell what they stand on when that is not seen."""
 
 ONE_HEIGHT = 0.006

@@ -13,12 +13,13 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from zsight_core import bits, candidates, contour, peek, refine, render, verify
+from zsight_core import bits, candidates, claims, contest, contour, peek, refine, render, verify
 from zsight_core import scene as scene_stage
-from zsight_core.candidates import DOUBTFUL, ROOM_SHARED, Candidate, Candidates, Trials, near, rank_of
+from zsight_core.candidates import DOUBTFUL, Candidate, Candidates, Trials, near, net, rank_of
+from zsight_core.claims import Claim, consistent, contradict
 from zsight_core.errors import ModelError
 from zsight_core.model import ObjectModel, Surface, size_of
-from zsight_core.overlap import hull_area, shared
+from zsight_core.overlap import hull_area
 from zsight_core.recognise import votes
 from zsight_core.recognise.surface import surfaces
 from zsight_core.scene import Checkpoint, Scene, go_on, understand
@@ -54,9 +55,6 @@ NOISE_SHARED = 6.5
 
 ACCEPTED = 0.5
 """Probability from which a candidate is reported."""
-
-TAKEN = 0.1
-"""Share of its pixels by which a rival must explain more than a candidate to take its place."""
 
 CLEAR = 0.97
 """Probability, and shares of the outline that are seen and that say yes, from which no rival is looked for."""
@@ -161,7 +159,7 @@ def find(
         "refined": 0,
         "rejected": [],
     }
-    search = _Search(scene, T_world_camera, region, checkpoint, report, on_found, many=len(models) > 1)
+    search = _Search(scene, T_world_camera, region, checkpoint, report, on_found, models=models)
     found: list[Detection] = []
     doubtful = False
     seen = 1.0
@@ -188,9 +186,44 @@ def find(
 def warm_up() -> None:
     """Compile all kernels of the finder (or load them from their cache)."""
     scene_stage.warm_up()
-    for module in (render, contour, refine, verify, bits, votes, peek, candidates):
+    for module in (render, contour, refine, verify, bits, votes, peek, contest, claims, candidates):
         module.warm_up()
     import scipy.spatial  # noqa: F401  it takes a tenth of a second, which the first query should not wait for
+
+
+class _Pool:
+    """Candidates of which those that contradict each other cannot all be there."""
+
+    def __init__(self, candidates: Candidates) -> None:
+        self.candidates = candidates
+        self.members: list[tuple[ObjectModel, Candidate, Claim]] = []
+
+    def add(self, model: ObjectModel, candidate: Candidate, beside: Claim | None = None) -> None:
+        """Take in a candidate that is not hopeless; with a claim beside it, only if both cannot be there."""
+        if candidate.probability > DOUBTFUL and all(candidate is not known for _, known, _ in self.members):
+            claim = self.candidates.claim(model, candidate)
+            if beside is None or contradict(claim, beside):
+                self.members.append((model, candidate, claim))
+
+    @cached_property
+    def there(self) -> set[int]:
+        """Which members, by identity of the candidate, are there."""
+        probable = [(candidate, claim) for _, candidate, claim in self.members if candidate.probability >= ACCEPTED]
+        return {id(probable[k][0]) for k in consistent([claim for _, claim in probable])}
+
+    def is_there(self, candidate: Candidate) -> bool:
+        """True where it is of the set that explains most."""
+        return id(candidate) in self.there
+
+    def rival_of(self, candidate: Candidate) -> str | None:
+        """The other type that contradicts a member and explains most, those that are there before others."""
+        model, own = next((model, claim) for model, known, claim in self.members if known is candidate)
+        against = [
+            (id(other) in self.there, claim.worth, other_model.name)
+            for other_model, other, claim in self.members
+            if other_model.name != model.name and contradict(own, claim)
+        ]
+        return max(against)[2] if against else None
 
 
 class _Search:
@@ -205,7 +238,7 @@ class _Search:
         report: dict[str, Any],
         on_found: Callable[[Detection], object],
         *,
-        many: bool,
+        models: Sequence[ObjectModel],
     ) -> None:
         self.scene = scene
         self.T_world_camera = T_world_camera
@@ -213,7 +246,9 @@ class _Search:
         self.checkpoint = checkpoint
         self.report = report
         self.on_found = on_found
-        self.many = many
+        self.models = models
+        self.many = len(models) > 1
+        self.pool: _Pool | None = None
 
     @cached_property
     def candidates(self) -> Candidates:
@@ -279,20 +314,22 @@ class _Search:
 
     def solids(self, model: ObjectModel, rivals: Sequence[ObjectModel]) -> tuple[list[Detection], bool, float]:
         """Objects of one type, whether one may be there half hidden, and how likely it would have been seen."""
-        trials = self._trials(model)
+        trials, pool = self._trials(model), self._pool(model, rivals)
         found, doubtful = [], False
-        for candidate in trials.kept:
+        for candidate, alike in zip(trials.kept, trials.alike, strict=True):
             if not self._wanted(self._in_cloud(candidate.hypothesis)):
                 continue
             if candidate.probability < ACCEPTED:
                 doubtful |= candidate.probability > DOUBTFUL and _is_cut(candidate.evidence)
                 self._reject(model, candidate)
                 continue
-            rival = self._best_rival(model, candidate, rivals)
-            if rival is not None and _explains_better(rival[1], candidate):
-                self._reject(model, candidate, rival[0])
+            rival = pool.rival_of(candidate)
+            if not pool.is_there(candidate):
+                self._reject(model, candidate, rival)
                 continue
-            found.append(self._detection(model, candidate, trials.tried, rival[0] if rival else None))
+            solid = solid_of(model.shape, coarse=True)
+            equals = _equivalents(candidate, alike or trials.tried, solid, told=not alike)
+            found.append(self._detection(model, candidate, equals, rival))
             self.on_found(found[-1])
         return found, doubtful, self._seen(size_of(model.shape))
 
@@ -300,30 +337,34 @@ class _Search:
         """Candidates of a type asked for."""
         start = perf_counter()
         if not self.scene.supports:
-            return Trials([], [])
+            return Trials([], [], [])
         trials, counts = self.candidates.of(model)
         self.report["hypotheses"] += counts.hypotheses
         self.report["refined"] += counts.refined
         self.report["timings_ms"][model.name] = (perf_counter() - start) * 1e3
         return trials
 
-    def _best_rival(
-        self, model: ObjectModel, candidate: Candidate, rivals: Sequence[ObjectModel]
-    ) -> tuple[str, Candidate] | None:
-        """The rival that fits best where the candidate stands, and how."""
-        best: tuple[str, Candidate] | None = None
-        if _is_clear(candidate):
-            return best
-        for rival in rivals:
-            if rival.name == model.name or isinstance(rival.shape, Surface):
+    def _pool(self, model: ObjectModel, rivals: Sequence[ObjectModel]) -> _Pool:
+        """All that may be there and contradict each other: candidates of what is asked for and of its rivals."""
+        if self.many and self.pool is not None:
+            return self.pool
+        asked = [m for m in self.models if not isinstance(m.shape, Surface)] if self.many else [model]
+        pool = self.pool = _Pool(self.candidates)
+        if not self.scene.supports:
+            return pool
+        for one in asked:
+            for candidate in self.candidates.of(one)[0].kept:
+                pool.add(one, candidate)
+        names = {one.name for one in asked}
+        others = [rival for rival in rivals if rival.name not in names and not isinstance(rival.shape, Surface)]
+        for one, candidate, claim in list(pool.members):
+            if candidate.probability < ACCEPTED or _is_clear(candidate):
                 continue
-            if self._most_pixels(rival, candidate.hypothesis) < _net(candidate) + TAKEN * candidate.evidence.match:
-                continue
-            for other in self._candidates_of_rival(rival, model, candidate):
-                there = self._share_place(candidate.hypothesis, model, other.hypothesis, rival)
-                if there and other.probability > DOUBTFUL and (best is None or _explains_better(other, best[1])):
-                    best = (rival.name, other)
-        return best
+            for rival in others:
+                if self._most_pixels(rival, candidate.hypothesis) > net(candidate):
+                    for other in self._candidates_of_rival(rival, one, candidate):
+                        pool.add(rival, other, beside=claim)
+        return pool
 
     def _most_pixels(self, rival: ObjectModel, there: Hypothesis) -> float:
         """Pixels that the rival covers at most at a place: half the area of its hull, seen straight on."""
@@ -338,13 +379,6 @@ class _Search:
         T, support = candidate.hypothesis.T_support_model, candidate.hypothesis.support
         reach = (float(np.linalg.norm(size_of(model.shape))) + float(np.linalg.norm(size_of(rival.shape)))) / 2
         return self.candidates.among(rival, self.clues.near(T[:2, 3], reach, support))[0].kept
-
-    def _share_place(self, a: Hypothesis, model_a: ObjectModel, b: Hypothesis, model_b: ObjectModel) -> bool:
-        """True where both cannot be there."""
-        T_a = self.clues.frames[a.support] @ a.T_support_model
-        T_b = self.clues.frames[b.support] @ b.T_support_model
-        solids = (solid_of(model.shape, coarse=True) for model in (model_a, model_b))
-        return shared(next(solids), T_a, next(solids), T_b) > ROOM_SHARED
 
     def _in_cloud(self, hypothesis: Hypothesis) -> NDArray[np.float64]:
         T: NDArray[np.float64] = self.scene.supports[hypothesis.support].T_camera_support @ hypothesis.T_support_model
@@ -374,10 +408,9 @@ class _Search:
         )
 
     def _detection(
-        self, model: ObjectModel, candidate: Candidate, candidates: list[Candidate], runner_up: str | None
+        self, model: ObjectModel, candidate: Candidate, equals: list[Candidate], runner_up: str | None
     ) -> Detection:
         hypothesis, evidence = candidate.hypothesis, candidate.evidence
-        equals = _equivalents(candidate, candidates, solid_of(model.shape, coarse=True))
         T = self._least_turned(self._in_cloud(hypothesis), model, hypothesis.support)
         return Detection(
             type=model.name,
@@ -454,12 +487,12 @@ class _Search:
         return float(free.mean()) if len(free) else 0.0
 
 
-def _equivalents(candidate: Candidate, candidates: list[Candidate], solid: Solid) -> list[Candidate]:
-    """Other candidates at the same place that fit as well and put the surface elsewhere."""
+def _equivalents(candidate: Candidate, candidates: list[Candidate], solid: Solid, *, told: bool) -> list[Candidate]:
+    """Other candidates at the same place that put the surface elsewhere, and fit as well where ranks tell that."""
     from scipy.spatial import cKDTree
 
     reach = float(np.ptp(solid.vertices, axis=0).max())
-    least = rank_of(candidate) - EQUIVALENT
+    least = rank_of(candidate) - EQUIVALENT if told else -np.inf
     found: list[Candidate] = []
     for other in candidates:
         if not near(candidate.hypothesis, other.hypothesis, reach / 2, 181.0) or rank_of(other) < least:
@@ -479,16 +512,6 @@ def _apart(T_a: NDArray[np.float64], T_b: NDArray[np.float64]) -> NDArray[np.flo
     """x, y, height and yaw (4,) from one pose to the other."""
     R = T_b[:3, :3] @ T_a[:3, :3].T
     return np.append(T_b[:3, 3] - T_a[:3, 3], np.arctan2(R[1, 0] - R[0, 1], R[0, 0] + R[1, 1]))
-
-
-def _explains_better(one: Candidate, other: Candidate) -> bool:
-    """True where one may be there and explains clearly more pixels than the other."""
-    return one.probability > ACCEPTED and _net(one) - _net(other) > TAKEN * other.evidence.match
-
-
-def _net(candidate: Candidate) -> float:
-    """Pixels that it explains, less those that speak against it."""
-    return candidate.evidence.match - 2 * candidate.evidence.through
 
 
 def _is_clear(candidate: Candidate) -> bool:

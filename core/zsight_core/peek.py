@@ -24,10 +24,13 @@ FEWEST = 4
 SEEN_THROUGH = 1.0
 """Weight of a point that is seen through over one that is there."""
 
-WORTH_A_CLIMB = 0.05
+HIDDEN = 0.5
+"""Weight of a point that something nearer hides, be it another thing or the model itself."""
+
+WORTH_A_CLIMB = 0.2
 """Least share of points that are there, less those that are seen through, before the climb."""
 
-PEEKED = 0.35
+PEEKED = 0.4
 """The same after it."""
 
 FIRST_STEP, FIRST_TURN = 0.005, float(np.radians(2.5))
@@ -48,6 +51,7 @@ def best_places(
     base: float,
     noise: float,
     most: int,
+    axes: int,
 ) -> NDArray[np.float64]:
     """The best of some places, each climbed to the best one near it, without repetitions, best first.
 
@@ -62,6 +66,7 @@ def best_places(
         base: height of the model's foot over the support, metres.
         noise: standard deviation of 1 / z, 1/m.
         most: places returned at most.
+        axes: 3; or 2 to leave yaws as they are.
 
     Returns:
         (K, 3) as places.
@@ -77,7 +82,7 @@ def best_places(
     for i in order:
         if scores[i] < WORTH_A_CLIMB:
             break
-        place, score = _climb(depth, pinhole, T_optical_support, some, places[i], scores[i], base, noise)
+        place, score = _climb(depth, pinhole, T_optical_support, some, places[i], scores[i], base, noise, axes)
         x, y, yaw = place[0], place[1], place[2]
         if _peek(depth, pinhole, T_optical_support, samples, x, y, base, yaw, noise) < PEEKED:
             continue
@@ -104,13 +109,14 @@ def _climb(
     score: float,
     base: float,
     noise: float,
+    axes: int,
 ) -> tuple[NDArray[np.float64], float]:
     """The best place (3,) that steps along one axis at a time lead to, and its score."""
     place = start.copy()
     step = 1.0
     while step > 0.4:
         better = False
-        for axis in range(3):
+        for axis in range(axes):
             length = step * (FIRST_STEP if axis < 2 else FIRST_TURN)
             here = place[axis]
             for sign in (-1.0, 1.0):
@@ -152,7 +158,7 @@ def _peek(
     t2 = T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3]
     # the way from the camera to the model's origin, in the model's frame
     e0, e1, e2 = r00 * t0 + r10 * t1 + r20 * t2, r01 * t0 + r11 * t1 + r21 * t2, r02 * t0 + r12 * t1 + r22 * t2
-    facing, there, score = 0, 0, 0.0
+    facing, there, score = 0.0, 0, 0.0
     for k in range(len(samples)):
         b = samples[k]
         pz = r20 * b[0] + r21 * b[1] + r22 * b[2] + t2
@@ -166,8 +172,8 @@ def _peek(
         measured = depth[v, u]
         if measured <= 0:
             continue
-        facing += 1
         off = (measured - pz) / (SLACK + 3 * noise * pz * pz)
+        facing += HIDDEN if off <= -1 else 1.0
         if abs(off) < 1:
             there += 1
             score += 1 - 0.5 * off * off
@@ -179,4 +185,4 @@ def _peek(
 def warm_up() -> None:
     """Compile the kernels (or load them from their cache)."""
     depth, samples, places = np.ones((4, 4), np.float32), np.zeros((1, 7)), np.zeros((1, 3))
-    best_places(depth, (1.0, 1.0, 0.0, 0.0), np.eye(4), samples, places, 1.0, 0.0, 1e-3, 1)
+    best_places(depth, (1.0, 1.0, 0.0, 0.0), np.eye(4), samples, places, 1.0, 0.0, 1e-3, 1, 3)

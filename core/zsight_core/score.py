@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 __all__ = ["logit_of", "probability", "probability_of"]
 
-CONSTANT = 7.3
+CONSTANT = 9.1
 
 
 def probability_of(evidence: Evidence, handicap: float = 0.0) -> float:
@@ -36,17 +36,18 @@ def logit_of(evidence: Evidence) -> float:
     told = e.edge + e.goes_on + e.nothing  # outline samples that say anything
     return (
         CONSTANT
-        - 6.9 * min(1 - e.agreement, 0.5)  # seen through
-        - 9.7 * (e.goes_on + 0.5) / (told + 1)  # the surface goes on outside
-        - 9.7 * (e.nothing + 0.25) / (told + 1)  # no such surface at the outline
-        - 1230.0 * min(e.sunk, 0.008)  # metres behind the surface
-        - 440.0 * min(e.raised, 0.008)  # metres before it
-        + 1.28 * log((told + 1) / 30)  # a short outline
-        - 4.7 * max(0.0, abs(e.bias) - 0.3)  # pixels larger or smaller all around
-        - 1.84 * sqrt(max(0.0, e.offset**2 - e.bias**2))  # pixels off the outline here and there
-        - 820.0 * min(e.shift, 0.008)  # metres before or behind as a whole
-        - 3.3 * e.worst_side  # one side is not there; a neighbour may touch it
-        - 0.98 * (1 - e.outlined)  # outline not seen
+        - 14.0 * min(1 - e.agreement, 0.5)  # seen through
+        - 5.8 * (e.goes_on + 0.5) / (told + 1)  # the surface goes on outside
+        - 5.1 * (e.nothing + 0.25) / (told + 1)  # no such surface at the outline
+        - 900.0 * min(e.sunk, 0.008)  # metres behind the surface
+        - 2430.0 * min(e.raised, 0.008)  # metres before it
+        + 0.76 * log((told + 1) / 30)  # a short outline
+        - 2.5 * max(0.0, e.bias - 0.3)  # pixels larger all around
+        - 1.5 * max(0.0, -e.bias - 0.3)  # pixels smaller, as sensors that blur depth at edges make all things
+        - 1.56 * sqrt(max(0.0, e.offset**2 - e.bias**2))  # pixels off the outline here and there
+        - 1750.0 * min(e.shift, 0.008)  # metres before or behind as a whole
+        - 3.7 * e.worst_side  # one side is not there; a neighbour may touch it
+        - 4.1 * (1 - e.outlined)  # outline not seen
     )
 
 

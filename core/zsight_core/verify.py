@@ -25,6 +25,9 @@ FEWEST = 12
 OUTLINE = 0.7
 """Weight of the outline in a promise."""
 
+UNTOLD = 0.5
+"""Share of a pose's pixels that are hidden or not measured by which its promise is not held against it."""
+
 OFF, MATCH, THROUGH, PROUD, HIDDEN, UNKNOWN, BEYOND = 0, 1, 2, 3, 4, 5, 6
 """States of a pixel: not of the solid, and as in Evidence, numbered as there."""
 
@@ -163,7 +166,8 @@ def look(
         T = T_optical_support @ T_support_models[i]
         seen = _pixels(depth, pinhole, vertices, faces, T, noise, most, tolerance, counts)
         match, through = counts[1], counts[2]
-        promise = (match - 2 * through) / max(counts[0], 1.0)
+        told = counts[0] - UNTOLD * (counts[4] + counts[5] + counts[6])
+        promise = (match - 2 * through) / max(told, 1.0)
         if match < FEWEST or match <= through or promise + OUTLINE <= least:
             continue
         ground = _ground(T_optical_support, bases[i])

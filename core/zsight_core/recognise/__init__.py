@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from zsight_core.clues import Clues, Hypothesis
     from zsight_core.scene import Checkpoint
 
-__all__ = ["GROUP", "hypotheses", "plugged"]
+__all__ = ["GROUP", "hypotheses", "plugged", "turned"]
 
 log = logging.getLogger(__name__)
 
@@ -47,6 +47,11 @@ def hypotheses(shape: Shape, clues: Clues, checkpoint: Checkpoint = go_on) -> li
     way = _WAYS.get(type(shape))
     found = way(shape, clues, checkpoint) if way else []
     return [*found, *(guess for other in plugged(type(shape).__name__.lower()) for guess in other(shape, clues))]
+
+
+def turned(shape: Shape, clues: Clues, found: Hypothesis) -> list[Hypothesis]:
+    """How else the shape may rest where it was found; empty for shapes of which every part tells how they rest."""
+    return mesh.turned(shape, clues, found) if isinstance(shape, Mesh) else []
 
 
 @cache

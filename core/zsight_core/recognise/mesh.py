@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from zsight_core.recognise import votes
 from zsight_core.recognise.votes import Pose, vote
 from zsight_core.solid import solid_of
 
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
     from zsight_core.model import Mesh
     from zsight_core.scene import Checkpoint
 
-__all__ = ["hypotheses", "stable_poses"]
+__all__ = ["hypotheses", "stable_poses", "turned"]
 
 MOST_POSES = 6
 
@@ -31,6 +32,11 @@ BALANCE = 0.06
 def hypotheses(shape: Mesh, clues: Clues, checkpoint: Checkpoint) -> list[Hypothesis]:
     """On each stable face."""
     return vote(solid_of(shape), [Pose(R, tall) for R, tall in stable_poses(shape)], clues, checkpoint)
+
+
+def turned(shape: Mesh, clues: Clues, found: Hypothesis) -> list[Hypothesis]:
+    """How else it may rest where it was found: a part of it alone may look the same in many poses."""
+    return votes.turned(solid_of(shape), [Pose(R, tall) for R, tall in stable_poses(shape)], clues, found)
 
 
 def stable_poses(shape: Mesh) -> list[tuple[NDArray[np.float64], float]]:

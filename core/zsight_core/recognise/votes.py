@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 
 from zsight_core.bits import KINDS
-from zsight_core.clues import Hypothesis
+from zsight_core.clues import Hypothesis, Stand
 from zsight_core.model_bits import LAYER, model_bits
 from zsight_core.peek import best_places
 
@@ -24,12 +24,12 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from zsight_core.clues import Clues, Stand
+    from zsight_core.clues import Clues
     from zsight_core.model_bits import ModelBits
     from zsight_core.scene import Checkpoint
     from zsight_core.solid import Solid
 
-__all__ = ["Pose", "vote", "warm_up"]
+__all__ = ["Pose", "turned", "vote", "warm_up"]
 
 CELL = 0.010
 """Metres; votes are counted in cells of this size in x and y."""
@@ -49,8 +49,11 @@ LEAST_SHARE = 0.05
 PEAKS = 300
 """Places that are peeked at, a pose and stand."""
 
-PROPOSED = 30
+PROPOSED = 60
 """Places proposed, a pose and stand."""
+
+TURNS = 24
+"""Steps of yaw in which a solid is tried where it was found."""
 
 STANDS_AT_ONCE = 8
 """Stands between two checkpoints."""
@@ -87,8 +90,19 @@ def vote(solid: Solid, poses: Sequence[Pose], clues: Clues, checkpoint: Checkpoi
     return found
 
 
+def turned(solid: Solid, poses: Sequence[Pose], clues: Clues, found: Hypothesis) -> list[Hypothesis]:
+    """How else the solid may rest where it was found: the best place near by for each pose and step of yaw."""
+    others = []
+    for pose in poses:
+        bits, place = model_bits(solid, pose.R, is_round=pose.is_round), found.T_support_model[:2, 3]
+        around = (1 - BEYOND) * bits.reach
+        stand = Stand(found.base, place - around, place + around, found.support, found.carried)
+        others += _standing(pose, bits, [stand], *_places(bits, [stand], clues, TURNS // bits.order, each_yaw=True))
+    return others
+
+
 def _places(
-    bits: ModelBits, stands: list[Stand], clues: Clues, yaws: int
+    bits: ModelBits, stands: list[Stand], clues: Clues, yaws: int, *, each_yaw: bool = False
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Places (N, 3) on stands that bits agree on and that bear a peek: x, y (m) and yaw (rad); their stands (N,)."""
     return _propose(
@@ -103,6 +117,7 @@ def _places(
         clues.stacked,
         bits.samples,
         clues.noise,
+        each_yaw,
     )
 
 
@@ -128,7 +143,7 @@ def warm_up() -> None:
     start, point, depth = np.zeros(KINDS + 1, np.int64), np.zeros((1, 2)), np.ones((4, 4), np.float32)
     bits = (np.zeros((1, 3)), one, kind, kind, start, point, one, 0.1)
     number, frames, samples = np.zeros(1, np.int64), np.eye(4)[np.newaxis], np.zeros((1, 7))
-    _propose(*bits, number, stand, 1, 1, depth, (1.0, 1.0, 0.0, 0.0), frames, samples, 1e-3)
+    _propose(*bits, number, stand, 1, 1, depth, (1.0, 1.0, 0.0, 0.0), frames, samples, 1e-3, False)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -150,10 +165,12 @@ def _propose(
     frames: NDArray[np.float64],
     samples: NDArray[np.float64],
     noise: float,
+    each_yaw: bool,
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Places (N, 3) and their stands (N,); stands (S, 5) are base, low x y, high x y (m) over supports (S,).
 
-    Yaws are steps of the turn, a full one over order, after which the model looks as before.
+    Yaws are steps of the turn, a full one over order, after which the model looks as before; with each_yaw there is one
+    place for each of them.
     """
     lows, highs = stands[:, 1:3] - BEYOND * reach, stands[:, 3:5] + BEYOND * reach
     most = 0
@@ -174,11 +191,15 @@ def _propose(
         base, low, high = stands[s, 0], lows[s], highs[s]
         model = start, xy, model_azimuth, reach, yaw_of
         again = _vote(points, azimuth, kind, over, supports[s], base, *model, low, high, board, twice)
-        peaks = _peaks(board, twice[:again], taken[: yaws * rows * columns].reshape(yaws, rows, columns))
+        if each_yaw:
+            peaks = _best_of_each_yaw(board)
+        else:
+            peaks = _peaks(board, twice[:again], taken[: yaws * rows * columns].reshape(yaws, rows, columns))
         for i in range(len(peaks)):
             peaks[i, 0], peaks[i, 1] = low[0] + peaks[i, 0] * CELL, low[1] + peaks[i, 1] * CELL
             peaks[i, 2] *= full / yaws
-        best = best_places(depth, pinhole, frames[supports[s]], samples, peaks, full, base, noise, PROPOSED)
+        axes = 2 if each_yaw else 3
+        best = best_places(depth, pinhole, frames[supports[s]], samples, peaks, full, base, noise, PROPOSED, axes)
         for i in range(len(best)):
             places[count], numbers[count] = best[i], s
             count += 1
@@ -300,6 +321,26 @@ def _peaks(  # noqa: C901  one compiled loop
     for cell in kept[:peaks]:
         _take(taken, cell // (rows * columns), cell // columns % rows, cell % columns, turn, False)
     return found[:peaks]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _best_of_each_yaw(votes: NDArray[np.int16]) -> NDArray[np.float64]:
+    """Column, row and yaw (yaws, 3), in cells, of the place with most votes in and around it at each step of yaw."""
+    yaws, rows, columns = votes.shape
+    best = np.zeros((yaws, 3))
+    for y in range(yaws):
+        most = -1
+        for r in range(1, rows - 1):
+            for c in range(1, columns - 1):
+                total, right, down = 0, 0, 0
+                for dr in range(-1, 2):
+                    for dc in range(-1, 2):
+                        count = votes[y, r + dr, c + dc]
+                        total, right, down = total + count, right + dc * count, down + dr * count
+                if total > most:
+                    most = total
+                    best[y, 0], best[y, 1], best[y, 2] = c + right / max(total, 1), r + down / max(total, 1), y
+    return best
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
