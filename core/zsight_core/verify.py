@@ -213,8 +213,9 @@ def _pixels(  # noqa: C901  one compiled loop over pixels; splitting it would pa
         return placed, planes, np.zeros((0, 0)), region
     w, face = draw(placed, faces, planes, pinhole, region)
     u0, v0, columns, rows, step = region
-    states = _states(depth, w, face, region, noise, tolerance)
-    _spread_what_hides(states)
+    states, hides = _states(depth, w, face, region, noise, tolerance)
+    if hides:
+        _spread_what_hides(states)
     block = max(3, (max(rows, columns) + 7) // 8)
     blocks = np.zeros((rows // block + 1, columns // block + 1, 3))
     inner = 0
@@ -326,11 +327,11 @@ def _states(
     region: tuple[int, int, int, int, int],
     noise: float,
     tolerance: float,
-) -> NDArray[np.int8]:
-    """State of each pixel of the raster (rows, columns)."""
+) -> tuple[NDArray[np.int8], bool]:
+    """State of each pixel of the raster (rows, columns), and whether there is any that hides others."""
     u0, v0, columns, rows, step = region
     height, width = depth.shape
-    state = np.zeros((rows, columns), np.int8)
+    state, hides = np.zeros((rows, columns), np.int8), False
     for r in range(rows):
         v = v0 + r * step
         for k in range(columns):
@@ -350,10 +351,10 @@ def _states(
             elif residual < 0:
                 state[r, k] = THROUGH
             elif residual > gate + IN_FRONT * w[r, k] * w[r, k]:
-                state[r, k] = HIDDEN
+                state[r, k], hides = HIDDEN, True
             else:
                 state[r, k] = PROUD
-    return state
+    return state, hides
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
