@@ -60,6 +60,8 @@ def contradict(one: Claim, other: Claim) -> bool:
     if (
         len(one.pixels)
         and len(other.pixels)
+        and one.pixels[0] <= other.pixels[-1]
+        and other.pixels[0] <= one.pixels[-1]
         and _both(one.pixels, other.pixels) > SEEN_TWICE * min(len(one.pixels), len(other.pixels))
     ):
         return True
@@ -68,19 +70,26 @@ def contradict(one: Claim, other: Claim) -> bool:
 
 def consistent(claims: Sequence[Claim]) -> list[int]:
     """Numbers of the claims that explain most without contradicting each other, ascending."""
-    against = [
-        [k for k, other in enumerate(claims) if k != i and contradict(claim, other)] for i, claim in enumerate(claims)
-    ]
+    against: list[list[int]] = [[] for _ in claims]
+    for i, claim in enumerate(claims):
+        for k in range(i):
+            if contradict(claim, claims[k]):
+                against[i].append(k)
+                against[k].append(i)
     chosen: list[int] = []
     left = set(range(len(claims)))
     while left:
         group = _group(min(left), against)
         left -= group
         chosen += _best_set(sorted(group, key=lambda k: (-claims[k].worth, k)), claims, against)
+    seen = np.zeros(1 + max((int(claims[k].pixels.max(initial=0)) for k in chosen), default=0), np.int16)
+    for k in chosen:
+        seen[claims[k].pixels] += 1
     for k in sorted(chosen, key=lambda k: (claims[k].worth, -k)):
-        others = [claims[j].pixels for j in chosen if j != k]
-        if others and _both(claims[k].pixels, np.unique(np.concatenate(others))) > SEEN_TWICE * len(claims[k].pixels):
+        pixels = claims[k].pixels
+        if int((seen[pixels] > 1).sum()) > SEEN_TWICE * len(pixels):
             chosen.remove(k)
+            seen[pixels] -= 1
     return sorted(chosen)
 
 
@@ -109,12 +118,19 @@ def _best_set(group: list[int], claims: Sequence[Claim], against: list[list[int]
     return with_it if worth[0] >= worth[1] else without
 
 
+@njit(cache=True, nogil=True, error_model="numpy")
 def _both(a: NDArray[np.int64], b: NDArray[np.int64]) -> int:
-    """Numbers that are in both."""
-    return len(np.intersect1d(a, b, assume_unique=True))
+    """Numbers that are in both, each ascending."""
+    count, i, j = 0, 0, 0
+    while i < len(a) and j < len(b):
+        count += 1 if a[i] == b[j] else 0
+        low, high = a[i], b[j]
+        i += 1 if low <= high else 0
+        j += 1 if high <= low else 0
+    return count
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def claimed(
     depth: NDArray[np.float32],
     pinhole: tuple[float, float, float, float],
@@ -160,6 +176,7 @@ def claimed(
 
 
 def warm_up() -> None:
-    """Compile the kernel (or load it from its cache)."""
+    """Compile the kernels (or load them from their cache)."""
+    _both(np.zeros(1, np.int64), np.zeros(1, np.int64))
     vertices, faces = np.array([[0.0, 0.0, 1.0], [0.1, 0.0, 1.0], [0.0, 0.1, 1.0]]), np.array([[0, 2, 1]], np.int32)
     claimed(np.ones((9, 9), np.float32), (9.0, 9.0, 5.0, 5.0), vertices, faces, np.eye(4), 1e-3)

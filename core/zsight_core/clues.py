@@ -68,6 +68,16 @@ class Piece(NamedTuple):
     segment: int
     """Its label."""
     support: int
+    low: NDArray[np.float64]
+    """(3,) low corner of a box around the points."""
+    high: NDArray[np.float64]
+    """(3,)"""
+
+    def beyond(self, place: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Metres (K,) along each axis from the box around the points to a place (K,), zero within."""
+        k = len(place)
+        outside: NDArray[np.float64] = np.maximum(np.maximum(self.low[:k] - place, place - self.high[:k]), 0.0)
+        return outside
 
 
 class Top(NamedTuple):
@@ -120,40 +130,57 @@ class Clues:
     """Standard deviation of 1 / z, 1/m."""
     frames: list[NDArray[np.float64]]
     """T_optical_support (4, 4) of each support."""
+    middles: tuple[NDArray[np.float64], NDArray[np.float64]] = (np.full(2, -np.inf), np.full(2, np.inf))
+    """Low and high corner (2,) between which the middle of what stands here must be, x and y, metres."""
+    heights: tuple[float, float] = (-np.inf, np.inf)
+    """Metres over its surface between which something that stands here must reach."""
 
     @cached_property
     def stacked(self) -> NDArray[np.float64]:
         """Frames (S, 4, 4)."""
         return np.array(self.frames).reshape(-1, 4, 4)
 
-    def near(self, place: NDArray[np.float64], reach: float, support: int) -> Clues:
-        """What is within reach, metres, of a place (2,) over a support."""
+    def near(
+        self,
+        place: NDArray[np.float64],
+        reach: float,
+        apart: float,
+        support: int,
+        heights: tuple[float, float],
+    ) -> Clues:
+        """What is near a place over a support.
+
+        Args:
+            place: (2,) x and y in the support's frame, metres.
+            reach: metres to the farthest bits.
+            apart: metres to the farthest middle of what may stand there.
+            support: number of the support.
+            heights: metres between which something that stands there must reach.
+        """
         low, high = place - reach, place + reach
-        here = Top(0.0, low, high, support)
         near = ((self.bits.points[:, :2] > low) & (self.bits.points[:, :2] < high)).all(axis=1)
         near &= self.bits.support == support
+        here = Top(0.0, place - apart, place + apart, support)
         return replace(
             self,
             bits=Bits(*(column[near] for column in self.bits)),
-            surfaces=[
-                stand._replace(low=np.maximum(stand.low, low), high=np.minimum(stand.high, high))
-                for stand in self.surfaces
-                if here.overlaps(stand)
-            ],
+            surfaces=[stand for stand in self.surfaces if here.overlaps(stand)],
             carriers=[stand for stand in self.carriers if here.overlaps(stand)],
             crests=[top for top in self.crests if here.overlaps(top)],
+            middles=(here.low, here.high),
+            heights=heights,
         )
 
     def stands(self, tall: float) -> list[Stand]:
         """Where something this tall may stand: surfaces, level tops, and its own height below what is seen."""
         found = [*self.surfaces, *self.carriers]
-        if tall < LOWEST_UNSEEN:
-            return found
-        for top in self.crests:
-            base = top.height - tall
-            if base > UNSEEN and not any(abs(base - s.base) < ONE_HEIGHT and top.overlaps(s) for s in found):
-                found.append(Stand(base, top.low, top.high, top.support, seen=False))
-        return found
+        if tall >= LOWEST_UNSEEN:
+            for top in self.crests:
+                base = top.height - tall
+                if base > UNSEEN and not any(abs(base - s.base) < ONE_HEIGHT and top.overlaps(s) for s in found):
+                    found.append(Stand(base, top.low, top.high, top.support, seen=False))
+        low, high = self.heights
+        return [stand for stand in found if stand.base < high and stand.base + tall > low]
 
 
 _known: WeakKeyDictionary[Scene, Clues] = WeakKeyDictionary()
@@ -243,7 +270,8 @@ def _segments(cells: Cells, owner: NDArray[np.int32]) -> list[Piece]:
     """One piece a segment, in order of labels."""
     label = np.repeat(owner, np.diff(cells.start))
     return [
-        Piece(cells.points[members], int(segment), int(cells.support[members[0]]))
+        Piece(points, int(segment), int(cells.support[members[0]]), points.min(axis=0), points.max(axis=0))
         for segment in np.unique(owner[owner >= 2])
         if len(members := np.flatnonzero(label == segment))
+        for points in (cells.points[members],)
     ]

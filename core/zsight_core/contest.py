@@ -28,7 +28,7 @@ SLACK = 0.004
 """Metres in depth, besides three standard deviations of noise, that two surfaces must be apart to look different."""
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def lead(
     depth: NDArray[np.float32],
     pinhole: tuple[float, float, float, float],
@@ -74,7 +74,7 @@ def lead(
     return float(total * step * step)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _says(w: float, drawn: float, gate: float) -> int:
     """What a measured inverse depth says of a drawn one: 1 it is there, -2 it is looked through, 0 nothing."""
     if drawn == 0 or w > drawn + gate:

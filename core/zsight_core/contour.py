@@ -15,7 +15,7 @@ from numba import njit
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = ["CONTINUES", "EDGE", "ENDS", "HIDDEN", "NOTHING", "UNKNOWN", "scan", "warm_up"]
+__all__ = ["CONTINUES", "EDGE", "ENDS", "HIDDEN", "MOST", "NOTHING", "SPACING", "UNKNOWN", "scan", "warm_up"]
 
 EDGE, CONTINUES, HIDDEN, UNKNOWN, NOTHING, ENDS = 0, 1, 2, 3, 4, 5
 """States of a sample: edge found; the surface goes on outside; something nearer; not measured; nothing there; the
@@ -25,7 +25,7 @@ SPACING = 2.0
 """Pixels between samples along an outline."""
 
 MOST = 400
-"""Samples."""
+"""Samples at most."""
 
 SLACK = 0.002
 """Metres in depth, besides two and a half standard deviations of noise, that are still the same surface."""
@@ -50,8 +50,9 @@ def scan(  # noqa: C901  one compiled loop over pixels; splitting it would pass 
     ground: NDArray[np.float64],
     noise: float,
     reach: int,
+    most: int,
 ) -> NDArray[np.float64]:
-    """Samples (S, 9): state, offset outward (pixels), image direction outward x y, image place u v, point x y z (m).
+    """Samples (S, 8): state, offset and direction x y outward, length of outline (pixels), and point x y z (m).
 
     Args:
         depth: (H, W) metres, 0 where not measured.
@@ -65,11 +66,13 @@ def scan(  # noqa: C901  one compiled loop over pixels; splitting it would pass 
         ground: (4,) normal and offset of the surface that the solid stands on; edges on it have no contrast.
         noise: standard deviation of 1 / z, 1/m.
         reach: pixels to look to each side.
+        most: samples at most, up to MOST.
     """
     fx, fy, cx, cy = pinhole
     height, width = depth.shape
-    samples = np.empty((MOST, 9))
+    samples = np.empty((MOST, 8))
     count = 0
+    scale = 1.0 / region[4]
     seen = np.empty(len(planes) + 1, np.bool_)
     for f in range(len(planes)):
         seen[f] = planes[f, 3] < -1e-9
@@ -83,12 +86,12 @@ def scan(  # noqa: C901  one compiled loop over pixels; splitting it would pass 
             ua, va = fx * vertices[a, 0] / vertices[a, 2], fy * vertices[a, 1] / vertices[a, 2]
             ub, vb = fx * vertices[b, 0] / vertices[b, 2], fy * vertices[b, 1] / vertices[b, 2]
             length = np.sqrt((ub - ua) * (ub - ua) + (vb - va) * (vb - va))
-            m = ends[bends]
-            m[0], m[1], m[2], m[3], m[4] = ua + cx, va + cy, ub + cx, vb + cy, length
+            ends[bends, 0], ends[bends, 1], ends[bends, 2], ends[bends, 3] = ua + cx, va + cy, ub + cx, vb + cy
+            ends[bends, 4] = length
             outline[bends] = e
             bends += 1
             length_all += length
-    spacing = max(SPACING, length_all / (MOST - 50))
+    spacing = max(SPACING, length_all * 8 / (7 * most))
     carry = spacing / 2
     for i in range(bends):
         e = outline[i]
@@ -114,32 +117,29 @@ def scan(  # noqa: C901  one compiled loop over pixels; splitting it would pass 
         ut, vt = fx * vertices[third, 0] / vertices[third, 2] + cx, fy * vertices[third, 1] / vertices[third, 2] + cy
         if (ut - ua) * mx + (vt - va) * my > 0:
             mx, my = -mx, -my
+        per_u, per_v = A / fx, B / fy
+        zero = C - per_u * cx - per_v * cy
+        ground_u, ground_v = ground[0] / fx, ground[1] / fy
         at = carry
         while at < length and count < MOST:
             t = at / length
             at += spacing
             us, vs = ua + (ub - ua) * t, va + (vb - va) * t
-            we = A * (us - cx) / fx + B * (vs - cy) / fy + C
-            if we <= 0 or _drawn(w, region, us + 2.0 * mx, vs + 2.0 * my) > 0:
+            we = per_u * us + per_v * vs + zero
+            if we <= 0 or _drawn(w, region, scale, us + 2.0 * mx, vs + 2.0 * my) > 0:
                 continue  # the solid itself is behind this edge
-            inside = _drawn(w, region, us - 1.5 * mx, vs - 1.5 * my)
+            inside = _drawn(w, region, scale, us - 1.5 * mx, vs - 1.5 * my)
             if inside > we * 1.03:
                 continue  # the solid hides this edge
-            z = 1.0 / we
-            m = samples[count]
-            count += 1
-            m[2], m[3], m[4], m[5] = mx, my, us, vs
-            m[6], m[7], m[8] = (us - cx) / fx * z, (vs - cy) / fy * z, z
             tolerance = 2.5 * noise + SLACK * we * we
             # what would be seen outside if nothing stood there: no edge can be seen against a near background
-            facing = ground[0] * (us + reach * mx - cx) / fx + ground[1] * (vs + reach * my - cy) / fy + ground[2]
-            slope = A * mx / fx + B * my / fy  # of 1 / z along the outward direction, a pixel
+            facing = ground_u * (us + reach * mx - cx) + ground_v * (vs + reach * my - cy) + ground[2]
+            slope = per_u * mx + per_v * my  # of 1 / z along the outward direction, a pixel
             slope = min(max(slope, -STEEPEST * we / fx), STEEPEST * we / fx)
             if ground[3] != 0 and facing / ground[3] > we + reach * slope - 1.5 * tolerance:
-                count -= 1
                 continue
             # on a curved side the sensor blurs: pixels at the outline read what is some pixels inside
-            blurred = max(we, _drawn(w, region, us - BLUR * mx, vs - BLUR * my))
+            blurred = max(we, _drawn(w, region, scale, us - BLUR * mx, vs - BLUR * my))
             last_on, first_off, seen_near, seen_far, unknown, gap = -99.0, 99.0, 0, 0, 0, 0
             for k in range(-reach, reach + 1):
                 u, v = int(np.floor(us + k * mx + 0.5)), int(np.floor(vs + k * my + 0.5))
@@ -148,7 +148,7 @@ def scan(  # noqa: C901  one compiled loop over pixels; splitting it would pass 
                     gap += 1
                     continue
                 place = (u - us) * mx + (v - vs) * my
-                expected = _drawn(w, region, u, v) if place < 0 else 0.0
+                expected = _drawn(w, region, scale, u, v) if place < 0 else 0.0
                 if expected == 0.0:
                     expected = we + place * slope
                 off = 1.0 / depth[v, u] - expected
@@ -165,18 +165,22 @@ def scan(  # noqa: C901  one compiled loop over pixels; splitting it would pass 
                     if last_on > -99.0:
                         first_off = min(first_off, place)
                         break
-            m[1] = 0.0
+            state, offset = 3, 0.0
             if last_on == -99.0:
-                m[0] = 4 if seen_far > seen_near and seen_far > unknown else (2 if seen_near > 0 else 3)
+                state = 4 if seen_far > seen_near and seen_far > unknown else (2 if seen_near > 0 else 3)
             elif first_off < 99.0 and first_off - last_on < 4.5:
-                m[0] = 0
-                m[1] = (last_on + first_off) / 2
+                state, offset = 0, (last_on + first_off) / 2
             elif seen_near > 0 and first_off == 99.0:
-                m[0] = 2
+                state = 2
             elif last_on > reach - 1.6:
-                m[0] = 1
-            else:
-                m[0] = 5 if gap >= 3 and abs(last_on) < 3.5 else 3
+                state = 1
+            elif gap >= 3 and abs(last_on) < 3.5:
+                state = 5
+            z = 1.0 / we
+            samples[count, 0], samples[count, 1] = state, offset
+            samples[count, 2], samples[count, 3], samples[count, 4] = mx, my, spacing
+            samples[count, 5], samples[count, 6], samples[count, 7] = (us - cx) / fx * z, (vs - cy) / fy * z, z
+            count += 1
         carry = at - length if at >= length else spacing / 2
     return samples[:count]
 
@@ -201,14 +205,14 @@ def warm_up() -> None:
         np.zeros(4),
         1e-3,
         4,
+        MOST,
     )
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _drawn(w: NDArray[np.float64], region: tuple[int, int, int, int, int], u: float, v: float) -> float:
-    """Inverse depth drawn nearest to an image place, 0 outside."""
-    u0, v0, columns, rows, step = region
-    k, r = int(np.floor((u - u0) / step + 0.5)), int(np.floor((v - v0) / step + 0.5))
-    if 0 <= k < columns and 0 <= r < rows:
+def _drawn(w: NDArray[np.float64], region: tuple[int, int, int, int, int], scale: float, u: float, v: float) -> float:
+    """Inverse depth drawn nearest to an image place, 0 outside; scale is one over the region's step."""
+    k, r = int(np.floor((u - region[0]) * scale + 0.5)), int(np.floor((v - region[1]) * scale + 0.5))
+    if 0 <= k < region[2] and 0 <= r < region[3]:
         return float(w[r, k])
     return 0.0

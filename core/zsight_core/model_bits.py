@@ -40,10 +40,9 @@ class ModelBits(NamedTuple):
 
     start: NDArray[np.int64]
     """(layers * KINDS + 1,) where the bits of each layer and kind begin."""
-    xy: NDArray[np.float64]
-    """(N, 2) metres."""
-    azimuth: NDArray[np.float64]
-    """(N,) radians; the level way a bit faces."""
+    polar: NDArray[np.float64]
+    """(N, 3) metres from the model's origin to each; the turn to there from the way it faces, and from that to the
+    model's x axis, 0..2 pi."""
     layers: int
     order: int
     """Turns about the vertical to a full one that leave it as it is; only bits of the first such turn are here."""
@@ -53,11 +52,6 @@ class ModelBits(NamedTuple):
     """Metres from the model's origin down to its foot."""
     samples: NDArray[np.float64]
     """(M, 7) points spread over the surface, metres, outward normals, and the products of both."""
-
-    @property
-    def lookup(self) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64], float]:
-        """What votes need."""
-        return self.start, self.xy, self.azimuth, self.reach
 
 
 class _Bits(NamedTuple):
@@ -90,9 +84,14 @@ def _model_bits(vertices: bytes, faces: bytes, rotation: bytes, is_round: bool) 
     key, bits, layers = _sorted(surface, rim)
     start = np.searchsorted(key, np.arange(layers * KINDS + 1))
     reach = float(np.linalg.norm(corners[:, :2], axis=1).max()) + SPACING
+    return ModelBits(start, _polar(bits), layers, order, reach, below, samples)
+
+
+def _polar(bits: _Bits) -> NDArray[np.float64]:
     azimuth = np.arctan2(bits.ways[:, 1], bits.ways[:, 0])
-    xy = np.ascontiguousarray(bits.points[:, :2])
-    return ModelBits(start, xy, azimuth, layers, order, reach, below, samples)
+    away = np.arctan2(bits.points[:, 1], bits.points[:, 0]) - azimuth
+    far = np.hypot(bits.points[:, 0], bits.points[:, 1])
+    return np.column_stack([far, away % (2 * np.pi), -azimuth % (2 * np.pi)])
 
 
 def _order(corners: NDArray[np.float64]) -> int:

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from zsight_core.solid import Solid
 
-__all__ = ["hull_area", "shared"]
+__all__ = ["hull_area", "radius", "shared"]
 
 GRID = 6
 """Points along each side of the box around a solid at which its inside is sampled."""
@@ -40,7 +40,7 @@ def shared(a: Solid, T_a: NDArray[np.float64], b: Solid, T_b: NDArray[np.float64
         b: the other solid.
         T_b: (4, 4) its pose in the same frame.
     """
-    hull_a, hull_b = (_hull(solid.vertices.tobytes()) for solid in (a, b))
+    hull_a, hull_b = (_hull(solid) for solid in (a, b))
     gap = T_a[:3, 3] - T_b[:3, 3]
     if gap @ gap > (hull_a.radius + hull_b.radius) ** 2:
         return 0.0
@@ -50,7 +50,12 @@ def shared(a: Solid, T_a: NDArray[np.float64], b: Solid, T_b: NDArray[np.float64
 
 def hull_area(solid: Solid) -> float:
     """Square metres of the convex hull's surface; seen from anywhere it covers at most half of that."""
-    return _hull(solid.vertices.tobytes()).area
+    return _hull(solid).area
+
+
+def radius(solid: Solid) -> float:
+    """Metres from the origin to the farthest vertex."""
+    return _hull(solid).radius
 
 
 def _share_inside(one: _Hull, other: _Hull, T_other_one: NDArray[np.float64]) -> float:
@@ -59,10 +64,10 @@ def _share_inside(one: _Hull, other: _Hull, T_other_one: NDArray[np.float64]) ->
 
 
 @lru_cache(maxsize=64)
-def _hull(vertices: bytes) -> _Hull:
+def _hull(solid: Solid) -> _Hull:
     from scipy.spatial import ConvexHull
 
-    corners = np.frombuffer(vertices).reshape(-1, 3)
+    corners = solid.vertices
     hull = ConvexHull(corners)
     sides = np.unique(hull.equations.round(9), axis=0)
     low, high = corners.min(axis=0), corners.max(axis=0)

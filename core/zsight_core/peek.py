@@ -71,20 +71,21 @@ def best_places(
     Returns:
         (K, 3) as places.
     """
-    some = samples[::STRIDE].copy()
+    every, some = samples.T.copy(), samples[::STRIDE].T.copy()
+    image, shape, T = depth.reshape(-1), depth.shape, T_optical_support
+    pixels = np.empty(len(samples), np.int32)
     scores = np.empty(len(places))
     for i in range(len(places)):
         x, y, yaw = places[i, 0], places[i, 1], places[i, 2]
-        scores[i] = _peek(depth, pinhole, T_optical_support, some, x, y, base, yaw, noise)
+        scores[i] = _peek(image, shape, pinhole, T, some, x, y, base, yaw, noise, pixels)
     order = np.argsort(-scores, kind="mergesort")[:most]
     kept, heights = np.empty((most, 3)), np.empty(most)
     count = 0
     for i in order:
         if scores[i] < WORTH_A_CLIMB:
             break
-        place, score = _climb(depth, pinhole, T_optical_support, some, places[i], scores[i], base, noise, axes)
-        x, y, yaw = place[0], place[1], place[2]
-        if _peek(depth, pinhole, T_optical_support, samples, x, y, base, yaw, noise) < PEEKED:
+        x, y, yaw, score = _climb(image, shape, pinhole, T, some, places[i], scores[i], base, noise, pixels, axes)
+        if _peek(image, shape, pinhole, T, every, x, y, base, yaw, noise, pixels) < PEEKED:
             continue
         again = False
         for q in range(count):
@@ -93,7 +94,7 @@ def best_places(
             if turn < SAME_TURN and abs(kept[q, 0] - x) < SAME_PLACE and abs(kept[q, 1] - y) < SAME_PLACE:
                 again = True
         if not again:
-            kept[count], heights[count] = place, score
+            kept[count, 0], kept[count, 1], kept[count, 2], heights[count] = x, y, yaw, score
             count += 1
     order = np.argsort(-heights[:count], kind="mergesort")
     return kept[order]
@@ -101,7 +102,8 @@ def best_places(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _climb(
-    depth: NDArray[np.float32],
+    image: NDArray[np.float32],
+    shape: tuple[int, int],
     pinhole: tuple[float, float, float, float],
     T_optical_support: NDArray[np.float64],
     samples: NDArray[np.float64],
@@ -109,9 +111,10 @@ def _climb(
     score: float,
     base: float,
     noise: float,
+    pixels: NDArray[np.int32],
     axes: int,
-) -> tuple[NDArray[np.float64], float]:
-    """The best place (3,) that steps along one axis at a time lead to, and its score."""
+) -> tuple[float, float, float, float]:
+    """Where steps along one axis at a time lead from a place (3,): x, y, yaw, and the score there."""
     place = start.copy()
     step = 1.0
     while step > 0.4:
@@ -122,19 +125,20 @@ def _climb(
             for sign in (-1.0, 1.0):
                 place[axis] = here + sign * length
                 x, y, yaw = place[0], place[1], place[2]
-                reached = _peek(depth, pinhole, T_optical_support, samples, x, y, base, yaw, noise)
+                reached = _peek(image, shape, pinhole, T_optical_support, samples, x, y, base, yaw, noise, pixels)
                 if reached > score:
                     score, better = reached, True
                     break  # the other way leads back
                 place[axis] = here
         if not better or step < 1:
             step /= 2
-    return place, score
+    return place[0], place[1], place[2], score
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _peek(
-    depth: NDArray[np.float32],
+    image: NDArray[np.float32],
+    shape: tuple[int, int],
     pinhole: tuple[float, float, float, float],
     T_optical_support: NDArray[np.float64],
     samples: NDArray[np.float64],
@@ -143,10 +147,25 @@ def _peek(
     z: float,
     yaw: float,
     noise: float,
+    pixels: NDArray[np.int32],
 ) -> float:
-    """Share of the facing points of the model that are there, less those seen through, at a place and height."""
+    """Share of the facing points of the model that are there, less those seen through, at a place and height.
+
+    Args:
+        image: depth, flat.
+        shape: rows and columns of the image.
+        pinhole: fx, fy, cx, cy.
+        T_optical_support: (4, 4).
+        samples: (7, M) as of best_places, one in a column.
+        x: place on the support, metres.
+        y: likewise.
+        z: height over the support, metres.
+        yaw: radians.
+        noise: standard deviation of 1 / z, 1/m.
+        pixels: (M,) room for the pixel of each sample.
+    """
     fx, fy, cx, cy = pinhole
-    height, width = depth.shape
+    height, width = shape
     T = T_optical_support
     c, s = np.cos(yaw), np.sin(yaw)
     # from the model, turned by yaw and shifted, to the camera
@@ -158,21 +177,21 @@ def _peek(
     t2 = T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3]
     # the way from the camera to the model's origin, in the model's frame
     e0, e1, e2 = r00 * t0 + r10 * t1 + r20 * t2, r01 * t0 + r11 * t1 + r21 * t2, r02 * t0 + r12 * t1 + r22 * t2
-    facing, there, score = 0.0, 0, 0.0
-    for k in range(len(samples)):
-        b = samples[k]
-        pz = r20 * b[0] + r21 * b[1] + r22 * b[2] + t2
-        if pz < 0.05 or b[6] + b[3] * e0 + b[4] * e1 + b[5] * e2 > -0.15 * pz:
-            continue
+    columns, nowhere = np.int32(width), np.int32(-1)
+    for k in range(samples.shape[1]):  # nothing but sums here: the compiler does several points at a time
+        pz = r20 * samples[0, k] + r21 * samples[1, k] + r22 * samples[2, k] + t2
         w = 1.0 / pz
-        u = int(fx * (r00 * b[0] + r01 * b[1] + r02 * b[2] + t0) * w + cx + 0.5)
-        v = int(fy * (r10 * b[0] + r11 * b[1] + r12 * b[2] + t1) * w + cy + 0.5)
-        if not (0 <= u < width and 0 <= v < height):
+        u = fx * (r00 * samples[0, k] + r01 * samples[1, k] + r02 * samples[2, k] + t0) * w + (cx + 0.5)
+        v = fy * (r10 * samples[0, k] + r11 * samples[1, k] + r12 * samples[2, k] + t1) * w + (cy + 0.5)
+        faces = samples[6, k] + samples[3, k] * e0 + samples[4, k] * e1 + samples[5, k] * e2 <= -0.15 * pz
+        seen = faces & (pz >= 0.05) & (u >= 0.0) & (v >= 0.0) & (u < width) & (v < height)
+        pixels[k] = np.int32(v) * columns + np.int32(u) if seen else nowhere
+    facing, there, score = 0.0, 0, 0.0
+    for k in range(samples.shape[1]):
+        if pixels[k] < 0 or image[pixels[k]] <= 0:
             continue
-        measured = depth[v, u]
-        if measured <= 0:
-            continue
-        off = (measured - pz) / (SLACK + 3 * noise * pz * pz)
+        pz = r20 * samples[0, k] + r21 * samples[1, k] + r22 * samples[2, k] + t2
+        off = (image[pixels[k]] - pz) / (SLACK + 3 * noise * pz * pz)
         facing += HIDDEN if off <= -1 else 1.0
         if abs(off) < 1:
             there += 1

@@ -8,12 +8,12 @@ all around, takes up the sensor's bias at edges, which so cancels between opposi
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numba import njit
 
-from zsight_core.contour import scan
+from zsight_core.contour import MOST, SPACING, scan
 from zsight_core.render import draw, face_planes, place, region_of
 
 if TYPE_CHECKING:
@@ -43,6 +43,7 @@ def fit(
     noise: float,
     steps: int,
     most: int,
+    outline: int,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Improve some poses on surfaces, each by itself.
 
@@ -61,6 +62,7 @@ def fit(
         noise: standard deviation of 1 / z, 1/m.
         steps: most iterations.
         most: pixels of the raster.
+        outline: samples of the outline, about.
 
     Returns:
         T_support_models (N, 4, 4), and the information matrices (N, 4, 4) of x, y, height, yaw (edge bias
@@ -70,7 +72,7 @@ def fit(
     for i in range(len(bases)):
         frame, guess = T_optical_supports[supports[i]], T_support_models[i]
         fitted[i], information[i] = _fit(
-            depth, pinhole, vertices, faces, edges, frame, guess, bases[i], loose[i], noise, steps, most
+            depth, pinhole, vertices, faces, edges, frame, guess, bases[i], loose[i], noise, steps, most, outline
         )
     return fitted, information
 
@@ -89,6 +91,7 @@ def _fit(  # noqa: C901  one compiled loop over pixels; splitting it would pass 
     noise: float,
     steps: int,
     most: int,
+    outline: int,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """One pose improved, and its information matrix."""
     fx, fy, cx, cy = pinhole
@@ -153,9 +156,8 @@ def _fit(  # noqa: C901  one compiled loop over pixels; splitting it would pass 
                     g[a] += trust * j[a] * residual
                     for b in range(a, 4):
                         H[a, b] += trust * j[a] * j[b]
-        samples = scan(
-            depth, pinhole, placed, faces, edges, planes, w, region, ground, noise, 8 if iteration < 2 else 5
-        )
+        reach = 8 if iteration < 2 else 5
+        samples = scan(depth, pinhole, placed, faces, edges, planes, w, region, ground, noise, reach, outline)
         spread = (3.0, 1.8, 1.2)[iteration] if iteration < 3 else EDGE_NOISE
         for s in range(len(samples)):
             if samples[s, 0] != 0:
@@ -163,8 +165,8 @@ def _fit(  # noqa: C901  one compiled loop over pixels; splitting it would pass 
             share = samples[s, 1] / (4.0 * spread)
             if abs(share) >= 1:
                 continue
-            trust = (1.0 - share * share) ** 2 / (spread * spread)
-            mx, my, x, y, z = samples[s, 2], samples[s, 3], samples[s, 6], samples[s, 7], samples[s, 8]
+            trust = samples[s, 4] / SPACING * (1.0 - share * share) ** 2 / (spread * spread)
+            mx, my, x, y, z = samples[s, 2], samples[s, 3], samples[s, 5], samples[s, 6], samples[s, 7]
             for a in range(4):
                 if a < 3:
                     d0, d1, d2 = T_optical_support[0, a], T_optical_support[1, a], T_optical_support[2, a]
@@ -187,7 +189,7 @@ def _fit(  # noqa: C901  one compiled loop over pixels; splitting it would pass 
             g[a] -= moved[a] / (loose[a] * loose[a])
         H[4, 4] += 1.0 / (EDGE_BIAS * EDGE_BIAS)
         information = H
-        change: NDArray[Any] = np.linalg.solve(H, g)
+        change = _solve(H, g)
         size = max(abs(change[0]), abs(change[1]), abs(change[2]))
         shrink = min(1.0, 0.012 / max(size, 1e-9), 0.25 / max(abs(change[3]), 1e-9))
         for a in range(4):
@@ -202,6 +204,26 @@ def _fit(  # noqa: C901  one compiled loop over pixels; splitting it would pass 
         for b in range(4):
             marginal[a, b] = information[a, b] - information[a, 4] * information[4, b] / max(information[4, 4], 1e-12)
     return T, marginal
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _solve(H: NDArray[np.float64], g: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Solve H x = g for a small positive definite H, by its Cholesky factor: a library takes longer to be called."""
+    n = len(g)
+    L, x = H.copy(), g.copy()
+    for a in range(n):
+        for b in range(a + 1):
+            for k in range(b):
+                L[a, b] -= L[a, k] * L[b, k]
+            L[a, b] = np.sqrt(L[a, a]) if a == b else L[a, b] / L[b, b]
+        for k in range(a):
+            x[a] -= L[a, k] * x[k]
+        x[a] /= L[a, a]
+    for a in range(n - 1, -1, -1):
+        for k in range(a + 1, n):
+            x[a] -= L[k, a] * x[k]
+        x[a] /= L[a, a]
+    return x
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -224,4 +246,4 @@ def warm_up() -> None:
     pinhole = (100.0, 100.0, 50.0, 50.0)
     frames, one = np.eye(4)[np.newaxis], np.zeros(1)
     solid = vertices, faces, edges
-    fit(depth, pinhole, *solid, frames, one.astype(np.int64), frames, one, np.ones((1, 4)), 1e-3, 2, 500)
+    fit(depth, pinhole, *solid, frames, one.astype(np.int64), frames, one, np.ones((1, 4)), 1e-3, 2, 500, MOST)

@@ -12,6 +12,9 @@ if TYPE_CHECKING:
 
 __all__ = ["draw", "face_planes", "place", "region_of", "warm_up"]
 
+ON_EDGE = 1e-7
+"""Pixels beyond an edge that are still of a face, so that none is lost between two of them."""
+
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def place(T: NDArray[np.float64], vertices: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -29,15 +32,14 @@ def face_planes(vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> NDAr
     planes = np.empty((len(faces), 4))
     for f in range(len(faces)):
         a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
-        ux, uy, uz = vertices[b, 0] - vertices[a, 0], vertices[b, 1] - vertices[a, 1], vertices[b, 2] - vertices[a, 2]
-        wx, wy, wz = vertices[c, 0] - vertices[a, 0], vertices[c, 1] - vertices[a, 1], vertices[c, 2] - vertices[a, 2]
+        x, y, z = vertices[a, 0], vertices[a, 1], vertices[a, 2]
+        ux, uy, uz = vertices[b, 0] - x, vertices[b, 1] - y, vertices[b, 2] - z
+        wx, wy, wz = vertices[c, 0] - x, vertices[c, 1] - y, vertices[c, 2] - z
         nx, ny, nz = uy * wz - uz * wy, uz * wx - ux * wz, ux * wy - uy * wx
-        length = np.sqrt(nx * nx + ny * ny + nz * nz)
-        if length < 1e-18:
-            planes[f] = 0.0
-            continue
-        planes[f, 0], planes[f, 1], planes[f, 2] = nx / length, ny / length, nz / length
-        planes[f, 3] = planes[f, 0] * vertices[a, 0] + planes[f, 1] * vertices[a, 1] + planes[f, 2] * vertices[a, 2]
+        square = nx * nx + ny * ny + nz * nz
+        scale = 1.0 / np.sqrt(square) if square > 1e-36 else 0.0
+        planes[f, 0], planes[f, 1], planes[f, 2] = nx * scale, ny * scale, nz * scale
+        planes[f, 3] = (nx * x + ny * y + nz * z) * scale
     return planes
 
 
@@ -66,7 +68,7 @@ def region_of(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def draw(
+def draw(  # noqa: C901  one compiled loop over faces and pixels
     vertices: NDArray[np.float64],
     faces: NDArray[np.int32],
     planes: NDArray[np.float64],
@@ -78,32 +80,46 @@ def draw(
     u0, v0, columns, rows, step = region
     w = np.zeros((rows, columns))
     face = np.full((rows, columns), -1, np.int32)
+    scale = 1.0 / step
+    place = np.empty((len(vertices), 2))  # in columns and rows
+    for i in range(len(vertices)):
+        z = 1.0 / vertices[i, 2]
+        place[i, 0] = (fx * vertices[i, 0] * z + cx - u0) * scale
+        place[i, 1] = (fy * vertices[i, 1] * z + cy - v0) * scale
+    slope, offset = np.empty(3), np.empty(3)
     for f in range(len(faces)):
         d = planes[f, 3]
         if d > -1e-9:
             continue
-        A, B, C = planes[f, 0] / d, planes[f, 1] / d, planes[f, 2] / d
         a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
-        ua, va = fx * vertices[a, 0] / vertices[a, 2] + cx, fy * vertices[a, 1] / vertices[a, 2] + cy
-        ub, vb = fx * vertices[b, 0] / vertices[b, 2] + cx, fy * vertices[b, 1] / vertices[b, 2] + cy
-        uc, vc = fx * vertices[c, 0] / vertices[c, 2] + cx, fy * vertices[c, 1] / vertices[c, 2] + cy
-        twice = (ub - ua) * (vc - va) - (vb - va) * (uc - ua)
-        sign = 1.0 if twice > 0 else -1.0
-        first = max(0, int(np.ceil((min(va, vb, vc) - v0) / step)))
-        last = min(rows - 1, int(np.floor((max(va, vb, vc) - v0) / step)))
-        left = max(0, int(np.ceil((min(ua, ub, uc) - u0) / step)))
-        right = min(columns - 1, int(np.floor((max(ua, ub, uc) - u0) / step)))
+        ya, yb, yc = place[a, 1], place[b, 1], place[c, 1]
+        first, last = max(0, int(np.ceil(min(ya, yb, yc)))), min(rows - 1, int(np.floor(max(ya, yb, yc))))
+        if first > last:
+            continue
+        xa, xb, xc = place[a, 0], place[b, 0], place[c, 0]
+        left, right = max(0, int(np.ceil(min(xa, xb, xc)))), min(columns - 1, int(np.floor(max(xa, xb, xc))))
+        if left > right:
+            continue
+        per_k, per_r = planes[f, 0] * step / (fx * d), planes[f, 1] * step / (fy * d)
+        zero = (planes[f, 0] * (u0 - cx) / fx + planes[f, 1] * (v0 - cy) / fy + planes[f, 2]) / d
+        turn = 1.0 if (xb - xa) * (yc - ya) > (yb - ya) * (xc - xa) else -1.0
+        for e in range(3):
+            x0, y0 = (xa, xb, xc)[e], (ya, yb, yc)[e]
+            dx, dy = (xb, xc, xa)[e] - x0, (yb, yc, ya)[e] - y0
+            slope[e] = dx / dy if dy != 0 else 0.0
+            offset[e] = x0 - slope[e] * y0
         for r in range(first, last + 1):
-            v = v0 + r * step
-            for k in range(left, right + 1):
-                u = u0 + k * step
-                if sign * ((ub - ua) * (v - va) - (vb - va) * (u - ua)) < 0:
-                    continue
-                if sign * ((uc - ub) * (v - vb) - (vc - vb) * (u - ub)) < 0:
-                    continue
-                if sign * ((ua - uc) * (v - vc) - (va - vc) * (u - uc)) < 0:
-                    continue
-                inverse = A * (u - cx) / fx + B * (v - cy) / fy + C
+            low, high = float(left), float(right)
+            for e in range(3):
+                dy = turn * ((yb, yc, ya)[e] - (ya, yb, yc)[e])
+                at = offset[e] + slope[e] * r
+                if dy > 0:
+                    high = min(high, at + ON_EDGE)
+                elif dy < 0:
+                    low = max(low, at - ON_EDGE)
+            base = zero + per_r * r
+            for k in range(int(np.ceil(low)), int(np.floor(high)) + 1):
+                inverse = base + per_k * k
                 if inverse > w[r, k]:
                     w[r, k] = inverse
                     face[r, k] = f

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import product
 from typing import TYPE_CHECKING
 
@@ -64,18 +65,26 @@ def least_turned(R: NDArray[np.float64], shape: Shape) -> NDArray[np.float64]:
         return np.eye(3)
     if isinstance(shape, Sphere):
         return R.T
-    orders = [symmetry.order for symmetry in symmetries_of(shape)]
-    turns = [
-        np.linalg.multi_dot(
-            [np.linalg.matrix_power(_turn(axis, max(orders[axis], 1)), powers[axis]) for axis in range(3)]
-        )
-        for powers in product(*(range(max(order, 1)) for order in orders))
-    ]
+    orders = tuple(symmetry.order for symmetry in symmetries_of(shape))
+    turns = _turns(orders)
     if 0 in orders:
-        turns = [turn @ _unwound(R @ turn, orders.index(0)) for turn in turns]
-    traces = [float(np.round(np.trace(R @ turn), 9)) for turn in turns]
+        turns = np.array([turn @ _unwound(R @ turn, orders.index(0)) for turn in turns])
+    traces = np.round(np.trace(R @ turns, axis1=1, axis2=2), 9)
     best: NDArray[np.float64] = turns[int(np.argmax(traces))]
     return best
+
+
+@lru_cache(maxsize=64)
+def _turns(orders: tuple[int, ...]) -> NDArray[np.float64]:
+    """All turns (N, 3, 3) about the three axes that whole steps of full turns over the orders lead to."""
+    return np.array(
+        [
+            np.linalg.multi_dot(
+                [np.linalg.matrix_power(_turn(axis, max(orders[axis], 1)), powers[axis]) for axis in range(3)]
+            )
+            for powers in product(*(range(max(order, 1)) for order in orders))
+        ]
+    )
 
 
 def _unwound(R: NDArray[np.float64], axis: int) -> NDArray[np.float64]:

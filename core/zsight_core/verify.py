@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numba import njit
 
-from zsight_core.contour import scan
+from zsight_core.contour import MOST, scan
 from zsight_core.render import draw, face_planes, place, region_of
 
 if TYPE_CHECKING:
@@ -132,7 +132,7 @@ def compare(
         T = T_optical_support @ T_support_models[i]
         seen = _pixels(depth, pinhole, vertices, faces, T, noise, most, tolerance, counts[i])
         ground = _ground(T_optical_support, bases[i])
-        _outline(depth, pinhole, faces, edges, seen, ground, noise, counts[i])
+        _outline(depth, pinhole, faces, edges, seen, ground, noise, MOST, counts[i])
     return counts
 
 
@@ -149,17 +149,18 @@ def look(
     bases: NDArray[np.float64],
     noise: float,
     most: int,
+    outline: int,
     tolerance: float,
     least: float,
 ) -> NDArray[np.float64]:
     """How much some poses promise: matches less contradictions, and an outline that is there.
 
-    Arguments are those of ``compare``, and least: what promises less is not looked at to the end.
+    Arguments are those of ``compare``, samples of the outline, about, and what a pose must promise at least.
 
     Returns:
-        (N,) ranks of the poses; -inf of those that promise less than the least.
+        (N, 2) promise and matching pixels of each pose; -inf where it promises less than the least.
     """
-    promises = np.full(len(bases), -np.inf)
+    promises = np.full((len(bases), 2), -np.inf)
     counts = np.empty(17)
     for i in range(len(bases)):
         T_optical_support = T_optical_supports[supports[i]]
@@ -171,10 +172,10 @@ def look(
         if match < FEWEST or match <= through or promise + OUTLINE <= least:
             continue
         ground = _ground(T_optical_support, bases[i])
-        _outline(depth, pinhole, faces, edges, seen, ground, noise, counts)
+        _outline(depth, pinhole, faces, edges, seen, ground, noise, outline, counts)
         promise += OUTLINE * counts[7] / max(counts[7] + counts[8] + counts[9], 1.0)
         if promise > least:
-            promises[i] = promise
+            promises[i, 0], promises[i, 1] = promise, match
     return promises
 
 
@@ -212,8 +213,9 @@ def _pixels(  # noqa: C901  one compiled loop over pixels; splitting it would pa
         return placed, planes, np.zeros((0, 0)), region
     w, face = draw(placed, faces, planes, pinhole, region)
     u0, v0, columns, rows, step = region
-    states = _states(depth, w, face, region, noise, tolerance)
-    _spread_what_hides(states)
+    states, hides = _states(depth, w, face, region, noise, tolerance)
+    if hides:
+        _spread_what_hides(states)
     block = max(3, (max(rows, columns) + 7) // 8)
     blocks = np.zeros((rows // block + 1, columns // block + 1, 3))
     inner = 0
@@ -240,10 +242,10 @@ def _pixels(  # noqa: C901  one compiled loop over pixels; splitting it would pa
             z = 1.0 / w[r, k]
             residual = 1.0 / depth[v, u] - w[r, k]
             if abs(residual) < 3.0 * noise + IN_FRONT * w[r, k] * w[r, k]:
-                m = blocks[r // block, k // block]
-                m[0] += 1
-                m[1] += residual * z * z
-                m[2] += residual * residual * z * z * z * z
+                j, i = r // block, k // block
+                blocks[j, i, 0] += 1
+                blocks[j, i, 1] += residual * z * z
+                blocks[j, i, 2] += residual * residual * z * z * z * z
     scale = counts[0] / max(inner, 1)
     seen = (counts[0] - counts[4] - counts[5] - counts[6]) / max(counts[0], 1.0)
     if inner > 0:
@@ -283,13 +285,14 @@ def _outline(
     seen: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], tuple[int, int, int, int, int]],
     ground: NDArray[np.float64],
     noise: float,
+    most: int,
     counts: NDArray[np.float64],
 ) -> None:
     """Write what the outline says into the numbers of Evidence (17,)."""
     placed, planes, w, region = seen
     if region[2] == 0:
         return
-    samples = scan(depth, pinhole, placed, faces, edges, planes, w, region, ground, noise, 4)
+    samples = scan(depth, pinhole, placed, faces, edges, planes, w, region, ground, noise, 4, most)
     off, out, measured = 0.0, 0.0, 0
     sides = np.zeros((8, 2))
     for s in range(len(samples)):
@@ -324,11 +327,11 @@ def _states(
     region: tuple[int, int, int, int, int],
     noise: float,
     tolerance: float,
-) -> NDArray[np.int8]:
-    """State of each pixel of the raster (rows, columns)."""
+) -> tuple[NDArray[np.int8], bool]:
+    """State of each pixel of the raster (rows, columns), and whether there is any that hides others."""
     u0, v0, columns, rows, step = region
     height, width = depth.shape
-    state = np.zeros((rows, columns), np.int8)
+    state, hides = np.zeros((rows, columns), np.int8), False
     for r in range(rows):
         v = v0 + r * step
         for k in range(columns):
@@ -348,10 +351,10 @@ def _states(
             elif residual < 0:
                 state[r, k] = THROUGH
             elif residual > gate + IN_FRONT * w[r, k] * w[r, k]:
-                state[r, k] = HIDDEN
+                state[r, k], hides = HIDDEN, True
             else:
                 state[r, k] = PROUD
-    return state
+    return state, hides
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -398,4 +401,4 @@ def warm_up() -> None:
     depth, poses, one = np.ones((100, 100), np.float32), np.eye(4)[np.newaxis], np.zeros(1)
     pinhole = (100.0, 100.0, 50.0, 50.0)
     compare(depth, pinhole, *solid, poses, one.astype(np.int64), poses, one, 1e-3, 10, 0.01)
-    look(depth, pinhole, *solid, poses, one.astype(np.int64), poses, one, 1e-3, 10, 0.01, 0.0)
+    look(depth, pinhole, *solid, poses, one.astype(np.int64), poses, one, 1e-3, 10, 10, 0.01, 0.0)

@@ -59,9 +59,13 @@ STANDS_AT_ONCE = 8
 """Stands between two checkpoints."""
 
 _TURNS = 720
-"""Steps of yaw in which bits are turned."""
+"""Steps of a full turn in which bits are turned."""
 
-_COSINES, _SINES = (f(np.arange(_TURNS) * 2 * np.pi / _TURNS) for f in (np.cos, np.sin))
+_A_RADIAN = _TURNS / (2 * np.pi)
+"""Steps."""
+
+_COSINES, _SINES = (f(np.arange(2 * _TURNS + 1) * 2 * np.pi / _TURNS) / CELL for f in (np.cos, np.sin))
+"""Of two full turns, so that sums of two turns need not be wound back; cells a metre."""
 
 
 class Pose(NamedTuple):
@@ -105,11 +109,17 @@ def _places(
     bits: ModelBits, stands: list[Stand], clues: Clues, yaws: int, *, each_yaw: bool = False
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Places (N, 3) on stands that bits agree on and that bear a peek: x, y (m) and yaw (rad); their stands (N,)."""
+    lows = np.maximum(np.array([stand.low for stand in stands]) - BEYOND * bits.reach, clues.middles[0])
+    highs = np.minimum(np.array([stand.high for stand in stands]) + BEYOND * bits.reach, clues.middles[1])
     return _propose(
         *clues.bits,
-        *bits.lookup,
+        bits.start,
+        bits.polar,
+        bits.reach,
         np.array([stand.support for stand in stands]),
-        np.array([(stand.base, *stand.low, *stand.high) for stand in stands]),
+        np.array([stand.base for stand in stands]),
+        lows,
+        highs,
         yaws,
         bits.order,
         clues.depth,
@@ -139,11 +149,11 @@ def _standing(
 
 def warm_up() -> None:
     """Compile the kernels (or load them from their cache)."""
-    one, kind, stand = np.zeros(1), np.zeros(1, np.int8), np.zeros((1, 5))
-    start, point, depth = np.zeros(KINDS + 1, np.int64), np.zeros((1, 2)), np.ones((4, 4), np.float32)
-    bits = (np.zeros((1, 3)), one, kind, kind, start, point, one, 0.1)
+    one, kind, corner = np.zeros(1), np.zeros(1, np.int8), np.zeros((1, 2))
+    start, point, depth = np.zeros(KINDS + 1, np.int64), np.zeros((1, 3)), np.ones((4, 4), np.float32)
+    bits = (point, one, kind, kind, start, point, 0.1)
     number, frames, samples = np.zeros(1, np.int64), np.eye(4)[np.newaxis], np.zeros((1, 7))
-    _propose(*bits, number, stand, 1, 1, depth, (1.0, 1.0, 0.0, 0.0), frames, samples, 1e-3, False)
+    _propose(*bits, number, one, corner, corner, 1, 1, depth, (1.0, 1.0, 0.0, 0.0), frames, samples, 1e-3, False)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -153,11 +163,12 @@ def _propose(
     kind: NDArray[np.int8],
     over: NDArray[np.int8],
     start: NDArray[np.int64],
-    xy: NDArray[np.float64],
-    model_azimuth: NDArray[np.float64],
+    polar: NDArray[np.float64],
     reach: float,
     supports: NDArray[np.int64],
-    stands: NDArray[np.float64],
+    bases: NDArray[np.float64],
+    lows: NDArray[np.float64],
+    highs: NDArray[np.float64],
     yaws: int,
     order: int,
     depth: NDArray[np.float32],
@@ -167,29 +178,32 @@ def _propose(
     noise: float,
     each_yaw: bool,
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Places (N, 3) and their stands (N,); stands (S, 5) are base, low x y, high x y (m) over supports (S,).
+    """Places (N, 3) and their stands (N,); stands are supports (S,), bases (S,), and corners (S, 2) (m).
 
     Yaws are steps of the turn, a full one over order, after which the model looks as before; with each_yaw there is one
     place for each of them.
     """
-    lows, highs = stands[:, 1:3] - BEYOND * reach, stands[:, 3:5] + BEYOND * reach
     most = 0
-    for s in range(len(stands)):
+    for s in range(len(bases)):
         columns, rows = _cells(lows[s], highs[s])
         most = max(most, yaws * rows * columns)
     votes, twice = np.empty(most, np.int16), np.empty(most, np.int32)
     taken = np.zeros(most, np.bool_)
-    places, numbers = np.empty((PROPOSED * len(stands), 3)), np.empty(PROPOSED * len(stands), np.int64)
-    yaw_of = np.empty(_TURNS, np.int64)
-    for fine in range(_TURNS):
-        yaw_of[fine] = (fine * yaws * order + _TURNS // 2) // _TURNS % yaws
+    places, numbers = np.empty((PROPOSED * len(bases), 3)), np.empty(PROPOSED * len(bases), np.int64)
+    yaw_of = np.empty(2 * _TURNS + 1, np.int32)
+    for way in range(2 * _TURNS + 1):
+        yaw_of[way] = (way * yaws * order + _TURNS // 2) // _TURNS % yaws
+    steps = polar.copy()
+    for j in range(len(polar)):
+        for k in range(1, 3):
+            steps[j, k] = polar[j, k] * _A_RADIAN + 0.5
     full = 2 * np.pi / order
     count = 0
-    for s in range(len(stands)):
+    for s in range(len(bases)):
         columns, rows = _cells(lows[s], highs[s])
         board = votes[: yaws * rows * columns].reshape(yaws, rows, columns)
-        base, low, high = stands[s, 0], lows[s], highs[s]
-        model = start, xy, model_azimuth, reach, yaw_of
+        base, low, high = bases[s], lows[s], highs[s]
+        model = start, steps, reach, yaw_of
         again = _vote(points, azimuth, kind, over, supports[s], base, *model, low, high, board, twice)
         if each_yaw:
             peaks = _best_of_each_yaw(board)
@@ -221,16 +235,17 @@ def _vote(
     support: int,
     base: float,
     start: NDArray[np.int64],
-    xy: NDArray[np.float64],
-    model_azimuth: NDArray[np.float64],
+    polar: NDArray[np.float64],
     reach: float,
-    yaw_of: NDArray[np.int64],
+    yaw_of: NDArray[np.int32],
     low: NDArray[np.float64],
     high: NDArray[np.float64],
     votes: NDArray[np.int16],
     twice: NDArray[np.int32],
 ) -> int:
     """Count votes (yaws, rows, columns) for the place of the model's origin between the low and the high corner (2,).
+
+    Turns of the model's bits are in steps and half a step more, so that cut off they are rounded.
 
     Returns:
         How many cells were voted for more than once; their numbers are in twice.
@@ -246,16 +261,14 @@ def _vote(
         if layer < 0 or layer >= layers or not (low[1] - reach < points[i, 1] < high[1] + reach):
             continue
         px, py = (points[i, 0] - low[0]) / CELL + 0.5, (points[i, 1] - low[1]) / CELL + 0.5
-        turn = azimuth[i] * (_TURNS / (2 * np.pi)) + 0.5
+        faces = azimuth[i] * _A_RADIAN + (0.0 if azimuth[i] >= 0 else _TURNS)
         key = layer * KINDS + kind[i]
         for j in range(start[key], start[key + 1]):
-            fine = int(np.floor(turn - model_azimuth[j] * (_TURNS / (2 * np.pi))))
-            fine += _TURNS if fine < 0 else (-_TURNS if fine >= _TURNS else 0)
-            c, s = _COSINES[fine] / CELL, _SINES[fine] / CELL
-            x, y = px - (c * xy[j, 0] - s * xy[j, 1]), py - (s * xy[j, 0] + c * xy[j, 1])
+            way = int(faces + polar[j, 1])
+            x, y = px - _COSINES[way] * polar[j, 0], py - _SINES[way] * polar[j, 0]
             if not (0 <= x < columns and 0 <= y < rows):
                 continue
-            cell = (yaw_of[fine] * rows + int(y)) * columns + int(x)
+            cell = (yaw_of[int(faces + polar[j, 2])] * rows + int(y)) * columns + int(x)
             cells[cell] += 1
             if cells[cell] == 2:
                 twice[count] = cell
@@ -291,9 +304,9 @@ def _peaks(  # noqa: C901  one compiled loop
             continue
         total = 0
         for dy in range(-turn, turn + 1):
-            layer = votes[_around(y + dy, yaws)]
-            for dr in range(-1, 2):
-                total += layer[r + dr, c - 1] + layer[r + dr, c] + layer[r + dr, c + 1]
+            middle = (_around(y + dy, yaws) * rows + r) * columns + c
+            for at in range(middle - columns, middle + columns + 1, columns):
+                total += cells[at - 1] + cells[at] + cells[at + 1]
         if total >= FEWEST:
             strong[count], sums[count] = cell, total
             highest = max(highest, total)
@@ -309,10 +322,10 @@ def _peaks(  # noqa: C901  one compiled loop
             continue
         sx, sy, turned = 0.0, 0.0, 0.0
         for dy in range(-turn, turn + 1):
-            layer = votes[_around(y + dy, yaws)]
+            middle = (_around(y + dy, yaws) * rows + r) * columns + c
             for dr in range(-1, 2):
                 for dc in range(-1, 2):
-                    share = layer[r + dr, c + dc] / sums[i]
+                    share = cells[middle + dr * columns + dc] / sums[i]
                     sx, sy, turned = sx + share * dc, sy + share * dr, turned + share * dy
         found[peaks, 0], found[peaks, 1], found[peaks, 2] = c + sx, r + sy, y + turned
         kept[peaks] = cell
@@ -354,10 +367,10 @@ def _take(taken: NDArray[np.bool_], y: int, r: int, c: int, turn: int, value: bo
     """Mark the cells around a peak."""
     yaws, rows, columns = taken.shape
     for dy in range(-2 * turn, 2 * turn + 1):
-        layer = taken[_around(y + dy, yaws)]
+        layer = _around(y + dy, yaws)
         for dr in range(max(0, r - 2), min(rows, r + 3)):
             for dc in range(max(0, c - 2), min(columns, c + 3)):
-                layer[dr, dc] = value
+                taken[layer, dr, dc] = value
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
