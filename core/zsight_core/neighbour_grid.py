@@ -28,13 +28,13 @@ class NeighbourGrid:
     """Cells in the order of their first point; 16 bytes a point are held.
 
     ``xyz`` float32 (N, 3), cell after cell; ``order`` int32 (N,) which of the points given each of them is; ``starts``
-    int64 (C + 1,) where each cell begins; ``keys`` int64 (C,) `cell_key` of each; ``table`` int32, an open hash table
+    int32 (C + 1,) where each cell begins; ``keys`` int64 (C,) `cell_key` of each; ``table`` int32, an open hash table
     of cell numbers, -1 where free, its length a power of two; ``edge`` metres.
     """
 
     xyz: NDArray[np.float32]
     order: NDArray[np.int32]
-    starts: NDArray[np.int64]
+    starts: NDArray[np.int32]
     keys: NDArray[np.int64]
     table: NDArray[np.int32]
     edge: float
@@ -86,7 +86,7 @@ def cell_at(keys: NDArray[np.int64], table: NDArray[np.int32], key: int) -> int:
 @njit(cache=True, nogil=True)
 def block_around(
     xyz: NDArray[np.float32],
-    starts: NDArray[np.int64],
+    starts: NDArray[np.int32],
     keys: NDArray[np.int64],
     table: NDArray[np.int32],
     cell: int,
@@ -172,9 +172,9 @@ def _cells_of(
 
 
 @njit(cache=True, nogil=True)
-def _order(cell: NDArray[np.int32], cells: int) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
+def _order(cell: NDArray[np.int32], cells: int) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     """Where each cell begins, and which point stands where."""
-    starts = np.zeros(cells + 1, np.int64)
+    starts = np.zeros(cells + 1, np.int32)
     for i in range(len(cell)):
         if cell[i] >= 0:
             starts[cell[i] + 1] += 1

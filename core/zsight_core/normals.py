@@ -58,7 +58,7 @@ def normals(
 @njit(cache=True, nogil=True)
 def _normals(
     xyz: NDArray[np.float32],
-    starts: NDArray[np.int64],
+    starts: NDArray[np.int32],
     keys: NDArray[np.int64],
     table: NDArray[np.int32],
     index: NDArray[np.int32],

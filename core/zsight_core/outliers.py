@@ -71,24 +71,38 @@ def remove_statistical_outliers(
             f"{neighbours} neighbours in {count} points, {deviations} deviations; expected fewer neighbours than points"
         )
     far = _mean_distances(cloud, neighbours)
-    known = ~np.isnan(far)
-    usual = far[known]
-    most = usual.mean(dtype=np.float64) + deviations * usual.std(ddof=1, dtype=np.float64)
-    del usual
-    keep = known & (far <= most)
+    mean, spread = _mean_and_deviation(far)
+    keep = far <= mean + deviations * spread  # False for the NaN of a hole
     return take(points, keep.reshape(points.shape), out)
+
+
+@njit(cache=True, nogil=True)
+def _mean_and_deviation(values: NDArray[np.float32]) -> tuple[float, float]:
+    """Mean and standard deviation (of a sample) of those that are not NaN, without a copy of them."""
+    count, total = 0, 0.0
+    for value in values:
+        if not math.isnan(value):
+            count, total = count + 1, total + value
+    mean, squares = total / count, 0.0
+    for value in values:
+        if not math.isnan(value):
+            squares += (value - mean) * (value - mean)
+    return mean, math.sqrt(squares / (count - 1))
 
 
 def _mean_distances(cloud: Words, neighbours: int) -> NDArray[np.float32]:
     """Mean distance (N,) of each point's nearest neighbours, NaN at holes."""
     far = np.full(cloud.count, np.nan, np.float32)
     edge = _first_edge(cloud, neighbours + 1)
-    missing = 1
-    while missing:
-        grid = grid_of(cloud, edge)
-        missing = _add_distances(grid.xyz, grid.starts, grid.keys, grid.table, grid.order, edge, neighbours + 1, far)
+    while _add_distances_in(cloud, edge, neighbours + 1, far):
         edge *= 2
     return far
+
+
+def _add_distances_in(cloud: Words, edge: float, count: int, far: NDArray[np.float32]) -> int:
+    """`_add_distances` in cells of this edge; the grid is gone before a coarser one is made."""
+    grid = grid_of(cloud, edge)
+    return _add_distances(grid.xyz, grid.starts, grid.keys, grid.table, grid.order, edge, count, far)
 
 
 def _first_edge(cloud: Words, count: int) -> float:
@@ -119,7 +133,7 @@ def _reaches(words: NDArray[np.float32], layout: Layout, sample: NDArray[np.int6
 @njit(cache=True, nogil=True)
 def _add_distances(
     xyz: NDArray[np.float32],
-    starts: NDArray[np.int64],
+    starts: NDArray[np.int32],
     keys: NDArray[np.int64],
     table: NDArray[np.int32],
     order: NDArray[np.int32],
@@ -229,7 +243,7 @@ def _sum_of_least(squares: NDArray[np.float32], last: Any, count: int) -> float:
 @njit(cache=True, nogil=True)
 def _crowded(
     xyz: NDArray[np.float32],
-    starts: NDArray[np.int64],
+    starts: NDArray[np.int32],
     keys: NDArray[np.int64],
     table: NDArray[np.int32],
     index: NDArray[np.int32],

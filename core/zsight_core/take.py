@@ -88,32 +88,24 @@ def append_marked(
     Returns:
         Points in `out` afterwards.
     """
-    count = _count(marked)
-    if count == 0:
-        return used
-    if count == len(marked):
-        out[used : used + count] = units[start : start + count]
-        return used + count
     place = np.uint64(used)
-    for i in range(len(marked)):
-        out[place] = units[start + i]
-        place += np.uint64(marked[i])
-    return used + count
-
-
-@njit(cache=True, nogil=True)
-def _count(marked: NDArray[np.uint8]) -> int:
-    """How many of up to TILE marks are 1: eight at a time, in bytes that cannot overflow."""
     if len(marked) < TILE:
-        total = 0
-        for mark in marked:
-            total += int(mark)
-        return total
-    bytes_ = np.uint64(0)
-    for eight in marked.view(np.uint64):
-        bytes_ += eight
-    pairs = (bytes_ & np.uint64(0x00FF00FF00FF00FF)) + ((bytes_ >> np.uint64(8)) & np.uint64(0x00FF00FF00FF00FF))
-    return np.int64((pairs * np.uint64(0x0001000100010001)) >> np.uint64(48))  # type: ignore[return-value]  # int() would keep it unsigned
+        for i in range(len(marked)):
+            out[place] = units[start + i]
+            place += np.uint64(marked[i])
+        return np.int64(place)  # type: ignore[return-value]  # int() would keep it unsigned
+    eights = marked.view(np.uint64)
+    for k in range(len(eights)):  # neighbours are mostly marked alike
+        first = start + 8 * k
+        if eights[k] == np.uint64(0x0101010101010101):
+            for i in range(np.uint64(8)):
+                out[place + i] = units[first + i]
+            place += np.uint64(8)
+        elif eights[k] != np.uint64(0):
+            for i in range(8):
+                out[place] = units[first + i]
+                place += np.uint64(marked[8 * k + i])
+    return np.int64(place)  # type: ignore[return-value]  # int() would keep it unsigned
 
 
 @njit(cache=True, nogil=True)
