@@ -15,7 +15,7 @@ from numba import njit
 
 from zsight_core.errors import GeometryError
 from zsight_core.moments import covariance, moments_near_plane, principal_axes
-from zsight_core.take import append_marked, room_for, take, trimmed, units_of
+from zsight_core.take import append_marked, array_for, room_for, take, trimmed, units_of
 from zsight_core.tile import TILE, load_tile, new_tile
 from zsight_core.words import words_of
 
@@ -127,25 +127,34 @@ def ransac_plane(
     return _fitted(words_of(cloud), threshold, seed, iterations, robust=False)
 
 
-def heights(cloud: Points | NDArray[np.floating[Any]], plane: Plane) -> NDArray[np.float32]:
-    """Signed distance of each point from the plane, metres, positive towards the camera: float32 (H, W), holes NaN."""
+def heights(
+    cloud: Points | NDArray[np.floating[Any]], plane: Plane, out: NDArray[np.float32] | None = None
+) -> NDArray[np.float32]:
+    """Signed distance of each point from the plane, metres, positive towards the camera: float32 (H, W), holes NaN.
+
+    Raises:
+        PointsError: `out`, room for the result, does not fit.
+    """
     words = words_of(cloud)
-    out = np.empty(words.shape, np.float32)
-    _heights(words.words, words.layout, plane.coefficients(), out.reshape(-1))
-    return out
+    found = array_for(words.shape, np.float32, out)
+    _heights(words.words, words.layout, plane.coefficients(), found.reshape(-1))
+    return found
 
 
-def inliers(cloud: Points | NDArray[np.floating[Any]], plane: Plane, tolerance: float) -> NDArray[np.bool_]:
+def inliers(
+    cloud: Points | NDArray[np.floating[Any]], plane: Plane, tolerance: float, out: NDArray[np.bool_] | None = None
+) -> NDArray[np.bool_]:
     """Mask (H, W) of the points with |n.p - d| <= tolerance, metres; False at holes.
 
     Raises:
         GeometryError: tolerance is negative or NaN.
+        PointsError: `out`, room for the result, does not fit.
     """
     _require_tolerance(tolerance)
     words = words_of(cloud)
-    out = np.empty(words.shape, np.bool_)
-    _near(words.words, words.layout, plane.coefficients(), np.float32(tolerance), out.reshape(-1))
-    return out
+    found = array_for(words.shape, np.bool_, out)
+    _near(words.words, words.layout, plane.coefficients(), np.float32(tolerance), found.reshape(-1))
+    return found
 
 
 def select(points: Points, plane: Plane, tolerance: float, out: Points | None = None) -> Points:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numba import njit
@@ -12,11 +12,11 @@ from zsight_core.tile import TILE
 from zsight_core.words import record_words
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from numpy.typing import DTypeLike, NDArray
 
     from zsight_core.points import Points
 
-__all__ = ["append_marked", "room_for", "take", "trimmed", "units_of", "warm_up"]
+__all__ = ["append_marked", "array_for", "room_for", "take", "trimmed", "units_of", "warm_up"]
 
 
 def take(points: Points, mask: NDArray[np.bool_], out: Points | None = None) -> Points:
@@ -54,6 +54,21 @@ def room_for(points: Points, count: int, out: Points | None) -> Points:
     if out.dtype != points.dtype or not out.flags.c_contiguous or out.size < count:
         raise PointsError(f"output holds {out.size} points of {out.dtype}; expected {count} or more of {points.dtype}")
     return out.reshape(1, -1)
+
+
+def array_for(shape: tuple[int, ...], dtype: DTypeLike, out: NDArray[Any] | None) -> NDArray[Any]:
+    """Room of this shape and type: `out` if it is given, else fresh.
+
+    Raises:
+        PointsError: `out` does not fit.
+    """
+    if out is None:
+        return np.empty(shape, dtype)
+    if out.shape != shape or out.dtype != dtype or not out.flags.c_contiguous:
+        raise PointsError(
+            f"output has shape {out.shape} and type {out.dtype}; expected {shape} and {np.dtype(dtype)}, contiguous"
+        )
+    return out
 
 
 def trimmed(room: Points, count: int, out: Points | None) -> Points:

@@ -11,6 +11,7 @@ from numba import njit
 from zsight_core.errors import GeometryError
 from zsight_core.points import XYZ, XYZRGB, Points
 from zsight_core.scratch import scratch
+from zsight_core.take import room_for
 from zsight_core.tile import TILE, load_tile, new_tile
 from zsight_core.words import colour_field, record_words, words_of
 
@@ -52,7 +53,7 @@ def voxel_grid(points: Points, leaf: float | tuple[float, float, float], out: Po
     Args:
         points: (H, W).
         leaf: edge of a voxel, or its edges along x, y and z; metres.
-        out: room for the result, contiguous, of the same dtype; ignored where the cloud has further fields.
+        out: room for the result, contiguous; ignored where the cloud is not of 16-byte points.
 
     Returns:
         (1, M) points of the input's dtype in PCL's order of voxels: x runs fastest, z slowest.
@@ -60,7 +61,7 @@ def voxel_grid(points: Points, leaf: float | tuple[float, float, float], out: Po
     Raises:
         GeometryError: an edge is not above zero, or a point lies 2^20 voxels or more from the origin (the sum of its
             distances along x, y and z), or over 2^24 points share a voxel.
-        PointsError: not a cloud.
+        PointsError: not a cloud, or `out` does not fit.
     """
     cloud = words_of(points)
     edges = _edges(leaf)
@@ -81,10 +82,10 @@ def voxel_grid(points: Points, leaf: float | tuple[float, float, float], out: Po
         raise GeometryError(f"leaf {leaf} m gathers over 2^24 points in one voxel; use a smaller one")
     colour = colour_field(points)
     packed = XYZRGB if colour else XYZ
-    fits = out is not None and out.dtype == packed == points.dtype and out.flags.c_contiguous and out.size >= count
-    averaged = out.reshape(1, -1)[:, :count] if out is not None and fits else np.empty((1, count), packed)
+    same = points.dtype == packed
+    averaged = room_for(points, count, out)[:, :count] if same else np.empty((1, count), packed)
     _emit(totals.view(np.int64), edges.astype(np.float64) / 2.0**bits, record_words(averaged), colour is not None)
-    if points.dtype == packed:
+    if same:
         return averaged
     return _with_fields(points, averaged, firsts[:used], runs[:, 3].astype(np.int64), voxel)
 
