@@ -53,7 +53,7 @@ def surface(count: int) -> Points:
 
 def kernels(points: Points, room: Points) -> dict[str, Callable[[], object]]:
     """What is measured; those that stream over the cloud first."""
-    directions = np.zeros((*points.shape, 3), np.float32)
+    directions = np.full((*points.shape, 3), np.nan, np.float32)  # touched, so that its pages are there
     width = float(np.nanmax(points["x"]))
     return {
         "voxel grid 0.02": lambda: voxel_grid(points, 0.02, room),
@@ -63,7 +63,7 @@ def kernels(points: Points, room: Points) -> dict[str, Callable[[], object]]:
         "transform": lambda: transform_points(points, np.eye(4), room),
         "bounding box": lambda: bounding_box(points),
         "table height": lambda: table_height(points, np.eye(4), 0.6, 1.2),
-        "concatenate": lambda: concatenate([points]),
+        "concatenate": lambda: concatenate([points], room),
         "RANSAC plane": lambda: ransac_plane(points, 0.01),
         "clusters above the plane": lambda: clusters_above(points, PLANE, 0.02, 0.4, 0.02, 100),
         "planes of an image": lambda: planes_of_image(points),

@@ -10,6 +10,8 @@ import small_gicp
 from zsight_core import open3d_module
 from zsight_core.filters import remove_nan
 from zsight_core.points import xyz
+from zsight_core.transform import from_rpy, transform_xyz
+from zsight_core.voxel_grid import voxel_grid
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -45,3 +47,44 @@ def peers(points: Points) -> dict[str, list[tuple[str, Callable[[], object]]]]:
         "statistical outliers": [("Open3D", lambda: cloud.remove_statistical_outlier(50, 1.0))],
     }
     return found
+
+
+STEPS = 10
+REACH = 0.02
+
+
+def registrations(points: Points) -> tuple[Callable[[], object], Callable[[], object]]:
+    """Ten point-to-plane steps of ICP by small_gicp and by Open3D, voxels of 5 mm against themselves moved by a little.
+
+    Normals and trees are made beforehand. Ours there is none: it is left to small_gicp (docs/decisions/0051).
+    """
+    o3d = open3d_module.load()
+    still = xyz(voxel_grid(points, 0.005)).reshape(-1, 3).astype(np.float64)
+    moved = transform_xyz(from_rpy([0.004, -0.003, 0.002], [0.004, 0.003, -0.005]), still)
+    target, source = small_gicp.PointCloud(still), small_gicp.PointCloud(moved)
+    tree = small_gicp.KdTree(target, num_threads=1)
+    small_gicp.estimate_normals(target, tree, num_neighbors=20, num_threads=1)
+    one, other = o3d.geometry.PointCloud(), o3d.geometry.PointCloud()
+    one.points, other.points = o3d.utility.Vector3dVector(still), o3d.utility.Vector3dVector(moved)
+    one.normals = o3d.utility.Vector3dVector(np.ascontiguousarray(target.normals()[:, :3]))
+    icp = o3d.pipelines.registration
+    never = icp.ICPConvergenceCriteria(relative_fitness=0, relative_rmse=0, max_iteration=STEPS)
+
+    def by_small_gicp() -> object:
+        return small_gicp.align(
+            target,
+            source,
+            tree,
+            registration_type="PLANE_ICP",
+            max_correspondence_distance=REACH,
+            num_threads=1,
+            max_iterations=STEPS,
+            rotation_epsilon=0,
+            translation_epsilon=0,
+        )
+
+    def by_open3d() -> object:
+        plane = icp.TransformationEstimationPointToPlane()
+        return icp.registration_icp(other, one, REACH, np.eye(4), plane, never)
+
+    return by_small_gicp, by_open3d

@@ -20,6 +20,7 @@ from bench_clouds import TABLE, BenchCloud, clouds
 from kernel_equality import equality_rows
 from kernel_limits import limit_rows
 from pcl_process import PclProcess
+from progress import tell
 
 from zsight_core import pcd
 from zsight_core.clusters import clusters_above
@@ -42,6 +43,8 @@ if TYPE_CHECKING:
 
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # before Open3D is loaded: one thread each
+
+ICP = "ten ICP steps by small_gicp"
 
 STREAMING = (
     "voxel grid 0.02",
@@ -84,7 +87,7 @@ def run(budget: float = 1.0, only: str = "") -> list[dict[str, Any]]:
     """
     rows = []
     for row in measurements(budget, only):
-        print(f"{row['name']}: {row['value']} {row['unit']}", file=sys.stderr)
+        tell(f"{row['name']}: {row['value']} {row['unit']}")
         rows.append(row)
     return rows
 
@@ -98,6 +101,8 @@ def measurements(budget: float, only: str) -> Iterator[dict[str, Any]]:
             chosen = [task for task in tasks(cloud, Path(folder)) if only in f"{task.name}, {cloud.name}"]
             yield from (measured(task, cloud, copy, pcl, budget) for task in chosen)
             yield from peer_rows(chosen, cloud, budget)
+            if only in f"{ICP}, {cloud.name}":
+                yield registration_row(cloud, budget)
             yield from [] if only else equality_rows(cloud, pcl, patch_of(cloud.points, cloud.plane))
     yield from [] if only else limit_rows()
 
@@ -114,11 +119,21 @@ def peer_rows(chosen: list[Task], cloud: BenchCloud, budget: float) -> list[dict
     return rows
 
 
+def registration_row(cloud: BenchCloud, budget: float) -> dict[str, Any]:
+    """small_gicp, which zsight leaves registration to, beside Open3D."""
+    from kernel_peers import registrations
+
+    one, other = registrations(cloud.points)
+    mine, theirs = pairs(one, lambda: timed(other), budget)
+    return compared(f"{ICP}, {cloud.name}", mine, "Open3D", theirs, 1.0)
+
+
 def tasks(cloud: BenchCloud, scratch: Path) -> list[Task]:
     """What is measured on each cloud."""
     points, T, plane = cloud.points, cloud.T_world_camera, cloud.plane
     room = np.empty_like(points)
     dense = remove_nan(points)
+    both = np.empty((1, points.size + dense.size), points.dtype)
     left, top, right, bottom = patch = patch_of(points, plane)
     low, high = 0.6, 1.2
 
@@ -171,7 +186,7 @@ def tasks(cloud: BenchCloud, scratch: Path) -> list[Task]:
         ),
         Task("bounding box", lambda: bounding_box(points), "bounding_box", 1),
         Task("centroid", lambda: centroid(points), "centroid", 1),
-        Task("concatenate", lambda: concatenate([points, dense]), "concatenate", 1),
+        Task("concatenate", lambda: concatenate([points, dense], both), "concatenate", 1),
         Task("PCD load binary", lambda: pcd.read(files["binary"]), f"load_file {files['binary']}", 10),
         Task(
             "PCD load compressed",
@@ -199,29 +214,29 @@ def patch_of(points: Points, plane: Any) -> tuple[int, int, int, int]:
 
 def measured(task: Task, cloud: BenchCloud, copy: float, pcl: PclProcess, budget: float) -> dict[str, Any]:
     """A row beside PCL, also as a multiple of the time of one copy of the cloud."""
-
-    def peer() -> float:
-        pcl.run(task.peer)
-        return pcl.run(task.peer)
-
-    mine, theirs = pairs(task.ours, peer, budget)
+    mine, theirs = pairs(task.ours, lambda: pcl.run(task.peer), budget)
     copies = round(float(np.median(mine)) / copy, 1)
     row = compared(f"{task.name}, {cloud.name}", mine, "PCL", theirs, task.target) | {"copies": copies}
     return row | {"in_5_copies": copies <= 5} if task.name in STREAMING else row
 
 
 def pairs(ours: Callable[[], object], peer: Callable[[], float], budget: float) -> tuple[list[float], list[float]]:
-    """Take turns until the budget is spent, at least 5 pairs, but after four budgets no more than begun.
+    """Take turns until the budget is spent, at least 3 pairs.
 
-    Each turn does the task twice and counts the second time: what the other side left in the caches is not charged.
+    Each turn does the task twice and counts the second time: what the other side left in the caches is not charged. A
+    pair of half a second or more does it once, as caches are nothing to it.
     """
     mine: list[float] = []
     theirs: list[float] = []
-    begin = time.perf_counter()
-    while len(mine) < 200 and (time.perf_counter() < begin + (budget if len(mine) >= 5 else 4 * budget) or not mine):
-        ours()
+    end, slow = time.perf_counter() + budget, False
+    while len(mine) < 200 and (time.perf_counter() < end or len(mine) < 3):
+        if not slow:
+            ours()
         mine.append(timed(ours))
+        if not slow:
+            peer()
         theirs.append(peer())
+        slow = mine[-1] + theirs[-1] >= 500
     return mine, theirs
 
 

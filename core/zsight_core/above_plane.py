@@ -35,7 +35,12 @@ def above_mask(cloud: Points | NDArray[np.floating[Any]], plane: Plane, low: flo
 
 
 def points_above(
-    points: Points, plane: Plane, low: float, high: float, surface: NDArray[np.bool_] | None = None
+    points: Points,
+    plane: Plane,
+    low: float,
+    high: float,
+    surface: NDArray[np.bool_] | None = None,
+    out: Points | None = None,
 ) -> Points:
     """The points that stand low..high metres above the plane: (1, M), all fields kept.
 
@@ -45,6 +50,7 @@ def points_above(
         low: least height; more than the noise of the surface.
         high: greatest height.
         surface: mask (H, W) of the points that make up the surface; given, only points over its convex outline count.
+        out: room for the result, contiguous, at least M points; the result is then a view of it.
 
     Raises:
         GeometryError: low > high; fewer than 3 surface points.
@@ -52,7 +58,7 @@ def points_above(
     mask = above_mask(points, plane, low, high)
     if surface is not None:
         mask &= _over(points, plane, surface, mask)
-    return take(points, mask)
+    return take(points, mask, out)
 
 
 def _over(points: Points, plane: Plane, surface: NDArray[np.bool_], candidates: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -163,7 +163,7 @@ def _mark_between(
 @njit(cache=True, nogil=True)
 def _joined(
     xyz: NDArray[np.float32],
-    starts: NDArray[np.int64],
+    starts: NDArray[np.int32],
     keys: NDArray[np.int64],
     table: NDArray[np.int32],
     tolerance: float,
@@ -190,7 +190,7 @@ def _joined(
 
 
 @njit(cache=True, nogil=True)
-def _boxes(xyz: NDArray[np.float32], starts: NDArray[np.int64]) -> NDArray[np.float32]:
+def _boxes(xyz: NDArray[np.float32], starts: NDArray[np.int32]) -> NDArray[np.float32]:
     """Bounding box of the points of each cell: (C, 6) low x y z, high x y z."""
     boxes = np.empty((len(starts) - 1, 6), np.float32)
     for cell in range(len(boxes)):
@@ -235,7 +235,7 @@ def _touch(
 @njit(cache=True, nogil=True)
 def _roots_of_points(
     root_of_cell: NDArray[np.int64],
-    starts: NDArray[np.int64],
+    starts: NDArray[np.int32],
     order: NDArray[np.int32],
     count: int,
 ) -> NDArray[np.int32]:

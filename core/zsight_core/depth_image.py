@@ -10,6 +10,7 @@ from numba import njit
 from zsight_core.errors import PointsError
 from zsight_core.pinhole import Pinhole
 from zsight_core.points import XYZ, XYZRGB, xyz
+from zsight_core.take import array_for
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -65,29 +66,37 @@ def to_points(
     return points
 
 
-def from_points(points: Points, pinhole: Pinhole, *, depth_scale: float | None = None) -> NDArray[Any]:
+def from_points(
+    points: Points, pinhole: Pinhole, *, depth_scale: float | None = None, out: NDArray[Any] | None = None
+) -> NDArray[Any]:
     """What a camera at the cloud's origin sees: the nearest point in each pixel.
 
     Args:
         points: (H, W), organised or not, in the camera's optical frame, metres.
         pinhole: the camera; its distortion is applied.
         depth_scale: metres a unit, for a uint16 image; left out: a float image in metres.
+        out: room for the result, contiguous.
 
     Returns:
         Depth (pinhole.height, pinhole.width): float32, NaN where no point falls; or uint16, 0 where none falls or the
         distance is beyond 65535 units.
 
     Raises:
-        PointsError: the cloud has no x, y, z; the scale is not above zero.
+        PointsError: the cloud has no x, y, z; the scale is not above zero; `out` does not fit.
     """
     if depth_scale is not None and not (np.isfinite(depth_scale) and depth_scale > 0):
         raise PointsError(f"depth scale is {depth_scale}; expected metres a unit, above zero")
     coordinates = xyz(points).reshape(-1, 3)
-    depth = np.full((pinhole.height, pinhole.width), np.inf, np.float32)
+    shape = (pinhole.height, pinhole.width)
+    found = array_for(shape, np.float32 if depth_scale is None else np.uint16, out)
+    depth = found if depth_scale is None else np.empty(shape, np.float32)
+    depth[:] = np.inf
     distortion = np.array(pinhole.distortion or (0.0,) * 5)
     _project(coordinates, pinhole.fx, pinhole.fy, pinhole.cx, pinhole.cy, distortion, depth)
     depth[np.isinf(depth)] = np.nan
-    return depth if depth_scale is None else _in_units(depth, depth_scale)
+    if depth_scale is not None:
+        found[:] = _in_units(depth, depth_scale)
+    return found
 
 
 def warm_up() -> None:

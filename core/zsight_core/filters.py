@@ -101,8 +101,10 @@ def remove_nan(points: Points, out: Points | None = None) -> Points:
     return box(points, [-np.inf] * 3, [np.inf] * 3, out)
 
 
-def matching_colour(points: Points, rgb: tuple[int, int, int], tolerance: float) -> Points:
+def matching_colour(points: Points, rgb: tuple[int, int, int], tolerance: float, out: Points | None = None) -> Points:
     """The points whose red, green and blue each lie within `tolerance` (0..255) of `rgb`: (1, M), all fields kept.
+
+    `out` is room for the result, contiguous, at least M points; the result is then a view of it.
 
     Raises:
         PointsError: the cloud has no colour.
@@ -112,7 +114,7 @@ def matching_colour(points: Points, rgb: tuple[int, int, int], tolerance: float)
         raise PointsError(f"cloud has fields {', '.join(points.dtype.names or ())}; expected rgb among them")
     mask = np.empty(points.shape, np.bool_)
     _of_colour(words.words, words.layout, words.colour, np.array(rgb, np.float64), float(tolerance), mask.reshape(-1))
-    return take(points, mask)
+    return take(points, mask, out)
 
 
 def _limits(low: ArrayLike, high: ArrayLike) -> NDArray[np.float32]:

@@ -10,6 +10,7 @@ from numba import njit
 from zsight_core.errors import GeometryError, PointsError
 from zsight_core.points import is_organised
 from zsight_core.scratch import scratch
+from zsight_core.take import array_for
 from zsight_core.words import words_of
 
 if TYPE_CHECKING:
@@ -52,10 +53,7 @@ def image_normals(
         raise PointsError(f"cloud has shape {points.shape}; expected rows and columns of an image: use normals")
     if not (window >= _LEAST and depth_change > 0):
         raise GeometryError(f"window {window}, depth change {depth_change}; expected 3 or more, above zero")
-    shape = (*points.shape, 3)
-    normals = np.empty(shape, np.float32) if out is None else out
-    if normals.shape != shape or normals.dtype != np.float32 or not normals.flags.c_contiguous:
-        raise PointsError(f"output has shape {normals.shape} and type {normals.dtype}; expected {shape} and float32")
+    normals = array_for((*points.shape, 3), np.float32, out)
     cloud = words_of(points)
     edges, near = (scratch(f"normals {name}", points.shape, np.uint8) for name in ("edges", "near"))
     mark_edges(cloud.words, cloud.layout, points.shape[1], np.float32(depth_change), edges)

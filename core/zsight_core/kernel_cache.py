@@ -47,9 +47,11 @@ def use() -> Path:
         The folder in use; it need not exist yet.
     """
     chosen = Path(os.environ.setdefault("NUMBA_CACHE_DIR", str(folder())))
+    alike = int(os.environ.setdefault("NUMBA_SLP_VECTORIZE", "1"))  # like operations of one point at once
     numba = sys.modules.get("numba")
-    if numba is not None and not numba.config.CACHE_DIR:
-        numba.config.CACHE_DIR = str(chosen)
+    if numba is not None:
+        numba.config.CACHE_DIR = numba.config.CACHE_DIR or str(chosen)
+        numba.config.SLP_VECTORIZE = alike
     return chosen
 
 

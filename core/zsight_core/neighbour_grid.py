@@ -28,13 +28,13 @@ class NeighbourGrid:
     """Cells in the order of their first point; 16 bytes a point are held.
 
     ``xyz`` float32 (N, 3), cell after cell; ``order`` int32 (N,) which of the points given each of them is; ``starts``
-    int64 (C + 1,) where each cell begins; ``keys`` int64 (C,) `cell_key` of each; ``table`` int32, an open hash table
+    int32 (C + 1,) where each cell begins; ``keys`` int64 (C,) `cell_key` of each; ``table`` int32, an open hash table
     of cell numbers, -1 where free, its length a power of two; ``edge`` metres.
     """
 
     xyz: NDArray[np.float32]
     order: NDArray[np.int32]
-    starts: NDArray[np.int64]
+    starts: NDArray[np.int32]
     keys: NDArray[np.int64]
     table: NDArray[np.int32]
     edge: float
@@ -57,12 +57,17 @@ def grid_of(cloud: Words, edge: float, mask: NDArray[np.bool_] | None = None) ->
         GeometryError: a point lies 2^20 cells or more from the origin.
     """
     chosen = np.ones(1, np.bool_) if mask is None else mask
-    keys, cell, table = _cells_of(cloud.words, cloud.layout, 1.0 / edge, chosen)
+    room = np.empty((cloud.count, 3), np.float32)
+    cell = room.reshape(-1)[: cloud.count].view(
+        np.int32
+    )  # in the same memory: nobody needs it once points are gathered
+    keys, table = _cells_of(cloud.words, cloud.layout, 1.0 / edge, chosen, cell)
     if len(keys) == 1 and keys[0] < 0:
         raise GeometryError(f"cells of {edge} m are too small for coordinates so far from the origin; use larger ones")
     starts, order = _order(cell, len(keys))
-    del cell  # before as much room again is taken
-    return NeighbourGrid(_gathered(cloud.words, cloud.layout, order), order, starts, keys, table, edge)
+    xyz = room[: len(order)]
+    _gather(cloud.words, cloud.layout, order, xyz)
+    return NeighbourGrid(xyz, order, starts, keys, table, edge)
 
 
 @njit(cache=True, nogil=True)
@@ -86,7 +91,7 @@ def cell_at(keys: NDArray[np.int64], table: NDArray[np.int32], key: int) -> int:
 @njit(cache=True, nogil=True)
 def block_around(
     xyz: NDArray[np.float32],
-    starts: NDArray[np.int64],
+    starts: NDArray[np.int32],
     keys: NDArray[np.int64],
     table: NDArray[np.int32],
     cell: int,
@@ -132,15 +137,16 @@ def _place(keys: NDArray[np.int64], table: NDArray[np.int32], key: int) -> int:
 
 @njit(cache=True, nogil=True)
 def _cells_of(
-    words: NDArray[np.float32], layout: Layout, inverse: float, mask: NDArray[np.bool_]
-) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.int32]]:
-    """Keys of the cells, the cell of each point, and the table; a single key of -1 where a point is out of reach.
+    words: NDArray[np.float32], layout: Layout, inverse: float, mask: NDArray[np.bool_], cell: NDArray[np.int32]
+) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
+    """Keys of the cells, and the table; a single key of -1 where a point is out of reach.
 
-    The cell is -1 for a point that takes no part. A mask of one element goes for all points.
+    `cell` (N,) gets the cell of each point, -1 for one that takes no part. A mask of one element goes for all points.
     """
     step, at_x, at_y, at_z = layout
-    cell = np.empty(len(words) // step, np.int32)
     capacity = 1024
+    while capacity < len(cell) // 4:  # mostly enough: what grows leaves holes in memory that nothing fits in
+        capacity *= 2
     keys, table = np.empty(capacity, np.int64), np.full(2 * capacity, -1, np.int32)
     used = 0
     before, at = -1, np.int32(-1)
@@ -151,7 +157,7 @@ def _cells_of(
             continue
         x, y, z = np.floor(px * inverse), np.floor(py * inverse), np.floor(pz * inverse)
         if not abs(x) + abs(y) + abs(z) < _REACH:
-            return np.full(1, -1, np.int64), cell, table
+            return np.full(1, -1, np.int64), table
         key = cell_key(int(x), int(y), int(z))
         if key != before:
             if used == capacity:
@@ -168,13 +174,13 @@ def _cells_of(
                 used += 1
             before, at = key, table[place]
         cell[i] = at
-    return keys[:used].copy(), cell, table
+    return keys[:used], table
 
 
 @njit(cache=True, nogil=True)
-def _order(cell: NDArray[np.int32], cells: int) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
+def _order(cell: NDArray[np.int32], cells: int) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     """Where each cell begins, and which point stands where."""
-    starts = np.zeros(cells + 1, np.int64)
+    starts = np.zeros(cells + 1, np.int32)
     for i in range(len(cell)):
         if cell[i] >= 0:
             starts[cell[i] + 1] += 1
@@ -190,14 +196,12 @@ def _order(cell: NDArray[np.int32], cells: int) -> tuple[NDArray[np.int64], NDAr
 
 
 @njit(cache=True, nogil=True)
-def _gathered(words: NDArray[np.float32], layout: Layout, order: NDArray[np.int32]) -> NDArray[np.float32]:
-    """The points (N, 3) in this order."""
+def _gather(words: NDArray[np.float32], layout: Layout, order: NDArray[np.int32], xyz: NDArray[np.float32]) -> None:
+    """Write the points in this order to (N, 3)."""
     step, at_x, at_y, at_z = layout
-    xyz = np.empty((len(order), 3), np.float32)
     for k in range(len(order)):
         base = step * order[k]
         xyz[k, 0], xyz[k, 1], xyz[k, 2] = words[base + at_x], words[base + at_y], words[base + at_z]
-    return xyz
 
 
 def warm_up() -> None:

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numba import njit
 
-from zsight_core.errors import GeometryError, PointsError
+from zsight_core.errors import GeometryError
 from zsight_core.neighbour_grid import block_around, grid_of
+from zsight_core.take import array_for
 from zsight_core.words import words_of
 
 if TYPE_CHECKING:
@@ -45,10 +46,7 @@ def normals(
     if not (math.isfinite(radius) and radius > 0):
         raise GeometryError(f"radius is {radius} m; expected a length above zero")
     words = words_of(cloud)
-    shape = (*words.shape, 3)
-    found = np.empty(shape, np.float32) if out is None else out
-    if found.shape != shape or found.dtype != np.float32 or not found.flags.c_contiguous:
-        raise PointsError(f"output has shape {found.shape} and type {found.dtype}; expected {shape} and float32")
+    found = array_for((*words.shape, 3), np.float32, out)
     found[:] = np.nan
     grid = grid_of(words, radius)
     _normals(grid.xyz, grid.starts, grid.keys, grid.table, grid.order, radius, found.reshape(-1, 3))
@@ -58,7 +56,7 @@ def normals(
 @njit(cache=True, nogil=True)
 def _normals(
     xyz: NDArray[np.float32],
-    starts: NDArray[np.int64],
+    starts: NDArray[np.int32],
     keys: NDArray[np.int64],
     table: NDArray[np.int32],
     index: NDArray[np.int32],

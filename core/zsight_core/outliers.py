@@ -70,43 +70,73 @@ def remove_statistical_outliers(
         raise GeometryError(
             f"{neighbours} neighbours in {count} points, {deviations} deviations; expected fewer neighbours than points"
         )
-    far = _mean_distances(cloud, neighbours)
-    known = ~np.isnan(far)
-    usual = far[known]
-    most = usual.mean(dtype=np.float64) + deviations * usual.std(ddof=1, dtype=np.float64)
-    del usual
-    keep = known & (far <= most)
+    far = _mean_distances(cloud, count, neighbours)
+    mean, spread = _mean_and_deviation(far)
+    keep = far <= mean + deviations * spread  # False for the NaN of a hole
     return take(points, keep.reshape(points.shape), out)
 
 
-def _mean_distances(cloud: Words, neighbours: int) -> NDArray[np.float32]:
-    """Mean distance (N,) of each point's nearest neighbours, NaN at holes."""
-    far = np.full(cloud.count, np.nan, np.float32)
-    edge = _first_edge(cloud, neighbours + 1)
-    missing = 1
-    while missing:
-        grid = grid_of(cloud, edge)
-        missing = _add_distances(grid.xyz, grid.starts, grid.keys, grid.table, grid.order, edge, neighbours + 1, far)
+@njit(cache=True, nogil=True)
+def _mean_and_deviation(values: NDArray[np.float32]) -> tuple[float, float]:
+    """Mean and standard deviation (of a sample) of those that are not NaN, without a copy of them."""
+    count, total = 0, 0.0
+    for value in values:
+        if not math.isnan(value):
+            count, total = count + 1, total + value
+    mean, squares = total / count, 0.0
+    for value in values:
+        if not math.isnan(value):
+            squares += (value - mean) * (value - mean)
+    return mean, math.sqrt(squares / (count - 1))
+
+
+def _mean_distances(cloud: Words, count: int, neighbours: int) -> NDArray[np.float32]:
+    """Mean distance (N,) of the nearest neighbours of each of `count` finite points, NaN at holes."""
+    far = np.empty(cloud.count, np.float32)
+    edge = _first_edge(cloud, count, neighbours + 1, far)
+    far[:] = np.nan
+    while _add_distances_in(cloud, edge, neighbours + 1, far):
         edge *= 2
     return far
 
 
-def _first_edge(cloud: Words, count: int) -> float:
-    """A cell's edge that reaches the `count`-th nearest of most points, as a sample of them tells."""
-    rows = cloud.words.reshape(-1, cloud.layout[0])
-    x, y, z = (rows[:, axis] for axis in cloud.layout[1:])
-    finite = np.flatnonzero(np.isfinite(x) & np.isfinite(y) & np.isfinite(z))
-    sample = finite[np.linspace(0, len(finite) - 1, _SAMPLE).astype(np.int64)]
-    reach = _reaches(cloud.words, cloud.layout, sample, count)
-    farthest = max(float(np.abs(axis[finite[:: max(1, len(finite) // 1000)]]).max()) for axis in (x, y, z))
+def _add_distances_in(cloud: Words, edge: float, count: int, far: NDArray[np.float32]) -> int:
+    """`_add_distances` in cells of this edge; the grid is gone before a coarser one is made."""
+    grid = grid_of(cloud, edge)
+    return _add_distances(grid.xyz, grid.starts, grid.keys, grid.table, grid.order, edge, count, far)
+
+
+def _first_edge(cloud: Words, finite: int, count: int, room: NDArray[np.float32]) -> float:
+    """A cell's edge that reaches the `count`-th nearest of most points, as a sample of the finite ones tells."""
+    sample = np.linspace(0, finite - 1, _SAMPLE).astype(np.int64)
+    farthest = _choose(cloud.words, cloud.layout, sample)
+    reach = _reaches(cloud.words, cloud.layout, sample, count, room)
     return max(float(np.quantile(reach, 0.9)), farthest * 1e-5, 1e-6)
 
 
 @njit(cache=True, nogil=True)
-def _reaches(words: NDArray[np.float32], layout: Layout, sample: NDArray[np.int64], count: int) -> NDArray[np.float64]:
-    """How far the `count`-th nearest point is from each of the sample."""
+def _choose(words: NDArray[np.float32], layout: Layout, sample: NDArray[np.int64]) -> float:
+    """Turn ascending numbers among the finite points into numbers among all; returns the greatest coordinate."""
     step, at_x, at_y, at_z = layout
-    squares, point = np.empty(len(words) // step, np.float32), np.empty(3, np.float32)
+    seen, chosen, farthest = 0, 0, 0.0
+    for i in range(len(words) // step):
+        x, y, z = abs(words[step * i + at_x]), abs(words[step * i + at_y]), abs(words[step * i + at_z])
+        if x < np.inf and y < np.inf and z < np.inf:
+            while chosen < len(sample) and sample[chosen] == seen:
+                sample[chosen] = i
+                chosen += 1
+            seen += 1
+            farthest = max(farthest, x, y, z)
+    return farthest
+
+
+@njit(cache=True, nogil=True)
+def _reaches(
+    words: NDArray[np.float32], layout: Layout, sample: NDArray[np.int64], count: int, squares: NDArray[np.float32]
+) -> NDArray[np.float64]:
+    """How far the `count`-th nearest point is from each of the sample; `squares` (N,) is room for distances."""
+    step, at_x, at_y, at_z = layout
+    point = np.empty(3, np.float32)
     x, y, z = words[at_x::step], words[at_y::step], words[at_z::step]
     reach = np.empty(len(sample))
     for k in range(len(sample)):
@@ -119,7 +149,7 @@ def _reaches(words: NDArray[np.float32], layout: Layout, sample: NDArray[np.int6
 @njit(cache=True, nogil=True)
 def _add_distances(
     xyz: NDArray[np.float32],
-    starts: NDArray[np.int64],
+    starts: NDArray[np.int32],
     keys: NDArray[np.int64],
     table: NDArray[np.int32],
     order: NDArray[np.int32],
@@ -136,7 +166,10 @@ def _add_distances(
     room, squares = np.empty((3, 1024), np.float32), np.empty(1024, np.float32)
     inverse = 1.0 / edge
     for cell in range(len(keys)):
-        if not np.isnan(far[order[starts[cell] : starts[cell + 1]]]).any():
+        unknown = False
+        for i in range(starts[cell], starts[cell + 1]):
+            unknown |= math.isnan(far[order[i]])
+        if not unknown:
             continue
         room, found = block_around(xyz, starts, keys, table, cell, room)
         squares = np.empty(room.shape[1], np.float32) if room.shape[1] > len(squares) else squares
@@ -229,7 +262,7 @@ def _sum_of_least(squares: NDArray[np.float32], last: Any, count: int) -> float:
 @njit(cache=True, nogil=True)
 def _crowded(
     xyz: NDArray[np.float32],
-    starts: NDArray[np.int64],
+    starts: NDArray[np.int32],
     keys: NDArray[np.int64],
     table: NDArray[np.int32],
     index: NDArray[np.int32],

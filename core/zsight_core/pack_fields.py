@@ -8,6 +8,7 @@ import numpy as np
 
 from zsight_core.errors import PointsError
 from zsight_core.points import XYZ, XYZRGB
+from zsight_core.take import array_for, room_for
 from zsight_core.words import colour_field
 
 if TYPE_CHECKING:
@@ -58,37 +59,38 @@ def to_pcl_layout(points: Points) -> Points:
     return repack(points, PCL_XYZRGB)
 
 
-def select_fields(points: Points, names: Sequence[str]) -> Points:
+def select_fields(points: Points, names: Sequence[str], out: Points | None = None) -> Points:
     """Only these fields, in this order, tightly packed.
 
     Raises:
-        PointsError: the cloud lacks one of them.
+        PointsError: the cloud lacks one of them; `out`, room for the result, does not fit.
     """
     missing = [name for name in names if name not in (points.dtype.names or ())]
     if missing:
         raise PointsError(f"cloud has fields {', '.join(points.dtype.names or ()) or 'none'}; no {', '.join(missing)}")
     packed = np.dtype([(name, points.dtype[name]) for name in names])
-    result = np.empty(points.shape, packed)
+    result = array_for(points.shape, packed, out)
     for name in names:
         result[name] = points[name]
     return result
 
 
-def concatenate(clouds: Iterable[Points]) -> Points:
+def concatenate(clouds: Iterable[Points], out: Points | None = None) -> Points:
     """All points of several clouds, one cloud after the other: (1, N), in the layout of the first.
 
     The clouds must share a frame. A field that only a later cloud has is dropped, one that only the first has is zero
-    in the others.
+    in the others. `out` is room for the result, contiguous, at least N points; the result is then a view of it.
 
     Raises:
-        PointsError: there is no cloud.
+        PointsError: there is no cloud; `out` does not fit.
     """
     parts = list(clouds)
     if not parts:
         raise PointsError("no clouds to concatenate; expected at least one")
     dtype = parts[0].dtype
     whole = np.dtype((np.void, dtype.itemsize))  # numpy copies a record with fields one field at a time
-    result = np.empty((1, sum(part.size for part in parts)), dtype)
+    count = sum(part.size for part in parts)
+    result = room_for(parts[0], count, out)[:, :count]
     start = 0
     for part in parts:
         records = repack(part, dtype).reshape(-1)

@@ -15,7 +15,7 @@ from numba import njit
 
 from zsight_core.errors import GeometryError
 from zsight_core.moments import covariance, moments_near_plane, principal_axes
-from zsight_core.take import append_marked, room_for, take, trimmed, units_of
+from zsight_core.take import append_marked, array_for, room_for, take, trimmed, units_of
 from zsight_core.tile import TILE, load_tile, new_tile
 from zsight_core.words import words_of
 
@@ -43,6 +43,10 @@ _SAMPLE = 2048
 
 _NOISE_FLOOR = 1e-4
 """Least tolerance, metres: below it lie the roundings of float32 coordinates some metres away."""
+
+
+_ON_A_LINE = -1
+"""In place of a count of points: all of them lie on one line."""
 
 
 @dataclass(frozen=True)
@@ -103,9 +107,7 @@ def fit_robust(
     Raises:
         GeometryError: fewer than 3 points, or all on one line.
     """
-    words = words_of(cloud)
-    coarse = _consensus(words, tolerance, seed, iterations)
-    return _refit(words, coarse, min(tolerance, _noise_limit(words, coarse, tolerance)))
+    return _fitted(words_of(cloud), tolerance, seed, iterations, robust=True)
 
 
 def ransac_plane(
@@ -122,29 +124,37 @@ def ransac_plane(
     Raises:
         GeometryError: threshold not above zero; fewer than 3 points, or all on one line.
     """
+    return _fitted(words_of(cloud), threshold, seed, iterations, robust=False)
+
+
+def heights(
+    cloud: Points | NDArray[np.floating[Any]], plane: Plane, out: NDArray[np.float32] | None = None
+) -> NDArray[np.float32]:
+    """Signed distance of each point from the plane, metres, positive towards the camera: float32 (H, W), holes NaN.
+
+    Raises:
+        PointsError: `out`, room for the result, does not fit.
+    """
     words = words_of(cloud)
-    return _refit(words, _consensus(words, threshold, seed, iterations), threshold, rounds=1)
+    found = array_for(words.shape, np.float32, out)
+    _heights(words.words, words.layout, plane.coefficients(), found.reshape(-1))
+    return found
 
 
-def heights(cloud: Points | NDArray[np.floating[Any]], plane: Plane) -> NDArray[np.float32]:
-    """Signed distance of each point from the plane, metres, positive towards the camera: float32 (H, W), holes NaN."""
-    words = words_of(cloud)
-    out = np.empty(words.shape, np.float32)
-    _heights(words.words, words.layout, plane.coefficients(), out.reshape(-1))
-    return out
-
-
-def inliers(cloud: Points | NDArray[np.floating[Any]], plane: Plane, tolerance: float) -> NDArray[np.bool_]:
+def inliers(
+    cloud: Points | NDArray[np.floating[Any]], plane: Plane, tolerance: float, out: NDArray[np.bool_] | None = None
+) -> NDArray[np.bool_]:
     """Mask (H, W) of the points with |n.p - d| <= tolerance, metres; False at holes.
 
     Raises:
         GeometryError: tolerance is negative or NaN.
+        PointsError: `out`, room for the result, does not fit.
     """
     _require_tolerance(tolerance)
     words = words_of(cloud)
-    out = np.empty(words.shape, np.bool_)
-    _near(words.words, words.layout, plane.coefficients(), np.float32(tolerance), out.reshape(-1))
-    return out
+    found = array_for(words.shape, np.bool_, out)
+    _near(words.words, words.layout, plane.coefficients(), np.float32(tolerance), found.reshape(-1))
+    return found
 
 
 def select(points: Points, plane: Plane, tolerance: float, out: Points | None = None) -> Points:
@@ -188,52 +198,86 @@ def frame_on_plane(plane: Plane, point: ArrayLike) -> NDArray[np.float64]:
     return T
 
 
-def _consensus(cloud: Words, threshold: float, seed: int, iterations: int) -> Plane:
-    """The best of many planes through three points each, refitted to its share of the sample."""
+def _fitted(cloud: Words, threshold: float, seed: int, iterations: int, *, robust: bool) -> PlaneFit:
     if not (math.isfinite(threshold) and threshold > 0):
         raise GeometryError(f"threshold is {threshold} m; expected a length above zero")
-    sample = _sample(cloud.words, cloud.layout, seed, _SAMPLE)
-    if len(sample) < 3:
-        raise GeometryError(f"{len(sample)} points are not enough for a plane; expected at least 3")
-    best = _msac(sample, threshold, seed, iterations)
-    if not best.any():
+    plane, count, variance = _fit(cloud.words, cloud.layout, threshold, seed, iterations, robust)
+    if count == _ON_A_LINE:
         raise GeometryError("all points lie on one line; a plane needs three that do not")
-    return _refit(words_of(sample), plane_through(best[:3], best[:3] * best[3]), threshold, rounds=4).plane
-
-
-def _noise_limit(cloud: Words, plane: Plane, tolerance: float) -> float:
-    """2.5 standard deviations of the plane's own points, from the median of their distances."""
-    distances = np.abs(_sample_heights(cloud, plane))
-    near = distances[distances <= tolerance]
-    sigma = 1.4826 * float(np.median(near)) if len(near) else 0.0
-    return max(2.5 * sigma, _NOISE_FLOOR)
-
-
-def _sample_heights(cloud: Words, plane: Plane) -> NDArray[np.float64]:
-    sample = _sample(cloud.words, cloud.layout, 1, 2 * _SAMPLE)
-    heights: NDArray[np.float64] = sample @ plane.normal - plane.distance
-    return heights
-
-
-def _refit(cloud: Words, plane: Plane, tolerance: float, rounds: int = 2) -> PlaneFit:
-    """Fit by moments to the points near the plane, and once more to those near the new one."""
-    fit = PlaneFit(plane, 0, 0.0)
-    for _ in range(rounds):
-        sums = moments_near_plane(cloud.words, cloud.layout, fit.plane.coefficients(), tolerance)
-        if sums[0] < 3:
-            break
-        centroid, spread = covariance(sums)
-        variances, axes = principal_axes(spread)
-        if variances[1] <= 1e-12 * variances[2]:
-            raise GeometryError("all points near the plane lie on one line; a plane needs three that do not")
-        through = centroid + fit.plane.normal * fit.plane.distance
-        fit = PlaneFit(plane_through(axes[:, 0], through), int(sums[0]), math.sqrt(max(variances[0], 0.0)))
-    return fit
+    if not plane.any():
+        raise GeometryError(f"{count} points are not enough for a plane; expected at least 3")
+    return PlaneFit(Plane(plane[:3], float(plane[3])), count, math.sqrt(max(variance, 0.0)))
 
 
 def _require_tolerance(tolerance: float) -> None:
     if not tolerance >= 0:
         raise GeometryError(f"tolerance is {tolerance} m; expected zero or more")
+
+
+@njit(cache=True, nogil=True)
+def _fit(
+    words: NDArray[np.float32], layout: Layout, threshold: float, seed: int, iterations: int, robust: bool
+) -> tuple[NDArray[np.float64], int, float]:
+    """The best of many planes through three points each, refitted to its share of the sample, then of the cloud.
+
+    Returns:
+        (4,) nx, ny, nz, d, zeros where there is none; to how many points it is fitted, `_ON_A_LINE` where they lie on
+        one; their variance across it.
+    """
+    sample = _sample(words, layout, seed, _SAMPLE)
+    if len(sample) < 3:
+        return np.zeros(4), len(sample), 0.0
+    best = _msac(sample, threshold, seed, iterations)
+    if not best.any():
+        return best, _ON_A_LINE, 0.0
+    best, count, variance = _refit(sample.reshape(-1), (3, 0, 1, 2), _facing(best), threshold, 4)
+    if count == _ON_A_LINE:
+        return best, count, variance
+    if not robust:
+        return _refit(words, layout, best, threshold, 1)
+    return _refit(words, layout, best, min(threshold, _noise_limit(words, layout, best, threshold)), 2)
+
+
+@njit(cache=True, nogil=True)
+def _facing(plane: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The same plane with the normal towards the origin."""
+    return -plane if plane[3] > 0.0 else plane
+
+
+@njit(cache=True, nogil=True)
+def _noise_limit(words: NDArray[np.float32], layout: Layout, plane: NDArray[np.float64], tolerance: float) -> float:
+    """2.5 standard deviations of the plane's own points, from the median of their distances."""
+    sample = _sample(words, layout, 1, 2 * _SAMPLE)
+    near, used = np.empty(len(sample)), 0
+    for i in range(len(sample)):
+        distance = abs(plane[0] * sample[i, 0] + plane[1] * sample[i, 1] + plane[2] * sample[i, 2] - plane[3])
+        if distance <= tolerance:
+            near[used] = distance
+            used += 1
+    sigma = 1.4826 * np.median(near[:used]) if used else 0.0
+    return max(2.5 * sigma, _NOISE_FLOOR)
+
+
+@njit(cache=True, nogil=True)
+def _refit(
+    words: NDArray[np.float32], layout: Layout, plane: NDArray[np.float64], tolerance: float, rounds: int
+) -> tuple[NDArray[np.float64], int, float]:
+    """Fit by moments to the points near the plane, and again to those near the new one; what `_fit` returns."""
+    count, variance = 0, 0.0
+    for _ in range(rounds):
+        sums = moments_near_plane(words, layout, plane, tolerance)
+        if sums[0] < 3:
+            break
+        centroid, spread = covariance(sums)
+        variances, axes = principal_axes(spread)
+        if variances[1] <= 1e-12 * variances[2]:
+            return plane, _ON_A_LINE, 0.0
+        centroid += plane[:3] * plane[3]
+        new = np.empty(4)
+        new[:3] = axes[:, 0]
+        new[3] = axes[0, 0] * centroid[0] + axes[1, 0] * centroid[1] + axes[2, 0] * centroid[2]
+        plane, count, variance = _facing(new), int(sums[0]), variances[0]
+    return plane, count, variance
 
 
 @njit(cache=True, nogil=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numba import njit
@@ -12,11 +12,11 @@ from zsight_core.tile import TILE
 from zsight_core.words import record_words
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from numpy.typing import DTypeLike, NDArray
 
     from zsight_core.points import Points
 
-__all__ = ["append_marked", "room_for", "take", "trimmed", "units_of", "warm_up"]
+__all__ = ["append_marked", "array_for", "room_for", "take", "trimmed", "units_of", "warm_up"]
 
 
 def take(points: Points, mask: NDArray[np.bool_], out: Points | None = None) -> Points:
@@ -56,6 +56,21 @@ def room_for(points: Points, count: int, out: Points | None) -> Points:
     return out.reshape(1, -1)
 
 
+def array_for(shape: tuple[int, ...], dtype: DTypeLike, out: NDArray[Any] | None) -> NDArray[Any]:
+    """Room of this shape and type: `out` if it is given, else fresh.
+
+    Raises:
+        PointsError: `out` does not fit.
+    """
+    if out is None:
+        return np.empty(shape, dtype)
+    if out.shape != shape or out.dtype != dtype or not out.flags.c_contiguous:
+        raise PointsError(
+            f"output has shape {out.shape} and type {out.dtype}; expected {shape} and {np.dtype(dtype)}, contiguous"
+        )
+    return out
+
+
 def trimmed(room: Points, count: int, out: Points | None) -> Points:
     """The first `count` points of the room (1, N); as a copy where most of fresh room would be held for nothing."""
     filled = room[:, :count]
@@ -88,32 +103,24 @@ def append_marked(
     Returns:
         Points in `out` afterwards.
     """
-    count = _count(marked)
-    if count == 0:
-        return used
-    if count == len(marked):
-        out[used : used + count] = units[start : start + count]
-        return used + count
     place = np.uint64(used)
-    for i in range(len(marked)):
-        out[place] = units[start + i]
-        place += np.uint64(marked[i])
-    return used + count
-
-
-@njit(cache=True, nogil=True)
-def _count(marked: NDArray[np.uint8]) -> int:
-    """How many of up to TILE marks are 1: eight at a time, in bytes that cannot overflow."""
     if len(marked) < TILE:
-        total = 0
-        for mark in marked:
-            total += int(mark)
-        return total
-    bytes_ = np.uint64(0)
-    for eight in marked.view(np.uint64):
-        bytes_ += eight
-    pairs = (bytes_ & np.uint64(0x00FF00FF00FF00FF)) + ((bytes_ >> np.uint64(8)) & np.uint64(0x00FF00FF00FF00FF))
-    return np.int64((pairs * np.uint64(0x0001000100010001)) >> np.uint64(48))  # type: ignore[return-value]  # int() would keep it unsigned
+        for i in range(len(marked)):
+            out[place] = units[start + i]
+            place += np.uint64(marked[i])
+        return np.int64(place)  # type: ignore[return-value]  # int() would keep it unsigned
+    eights = marked.view(np.uint64)
+    for k in range(len(eights)):  # neighbours are mostly marked alike
+        first = start + 8 * k
+        if eights[k] == np.uint64(0x0101010101010101):
+            for i in range(np.uint64(8)):
+                out[place + i] = units[first + i]
+            place += np.uint64(8)
+        elif eights[k] != np.uint64(0):
+            for i in range(8):
+                out[place] = units[first + i]
+                place += np.uint64(marked[8 * k + i])
+    return np.int64(place)  # type: ignore[return-value]  # int() would keep it unsigned
 
 
 @njit(cache=True, nogil=True)

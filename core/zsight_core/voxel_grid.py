@@ -11,25 +11,28 @@ from numba import njit
 from zsight_core.errors import GeometryError
 from zsight_core.points import XYZ, XYZRGB, Points
 from zsight_core.scratch import scratch
+from zsight_core.take import room_for
 from zsight_core.tile import TILE, load_tile, new_tile
 from zsight_core.words import colour_field, record_words, words_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from zsight_core.words import Layout
+    from zsight_core.words import Layout, Words
 
 __all__ = ["voxel_grid", "warm_up"]
 
 _REACH = 2**20
 """Voxel numbers along an axis lie in -REACH .. REACH-1, so that three of them fit one 64-bit key."""
 
+_ROOM = 2**30
+"""Places, in steps, lie in -ROOM .. ROOM-1; unsigned, with ROOM added, they are kept: others have bit 31 set."""
+
 _CROWD = 2**24
 """More points in a voxel, and the sum of a colour channel might not fit 32 bits."""
 
-_HOLE = -(2**31)
-_FAR = 2**30
-"""Stand in for the x number of a voxel: the point is a hole; the point lies out of reach."""
+_HOLE, _FAR = np.uint32(0xC0000000), np.uint32(0x80000000)
+"""Stand in for a place: it is not finite; it is out of room."""
 
 
 def voxel_grid(points: Points, leaf: float | tuple[float, float, float], out: Points | None = None) -> Points:
@@ -39,15 +42,18 @@ def voxel_grid(points: Points, leaf: float | tuple[float, float, float], out: Po
     of voxels is PCL's; a point with a coordinate that is not finite, or over 10^30 m, belongs to none. Colours are
     averaged channel by channel and truncated, as PCL does; every other numeric field is averaged too, integers
     truncated. Sums are kept in integers, so that the result does not depend on the order of the points; the place of
-    a point is resolved to 2 micrometres, or to leaf / 2^21 where that is coarser.
+    a point is resolved to 2 micrometres, or to leaf / 2^21 or the farthest point's distance / 2^29 where that is
+    coarser.
 
-    Method: neighbours in a scan mostly share their voxel. A run of them is summed by differences of running sums; a
-    bit per voxel of the bounding box then numbers the occupied voxels in order, without hashing or sorting.
+    Method: a point's place is a whole number of steps, 2^k to a voxel, so that its upper bits number the voxel and the
+    lower ones say where in it the point lies. Neighbours in a scan mostly share their voxel. A run of them is summed by
+    differences of running sums; a bit per voxel of the bounding box then numbers the occupied voxels in order, without
+    hashing or sorting.
 
     Args:
         points: (H, W).
         leaf: edge of a voxel, or its edges along x, y and z; metres.
-        out: room for the result, contiguous, of the same dtype; ignored where the cloud has further fields.
+        out: room for the result, contiguous; ignored where the cloud is not of 16-byte points.
 
     Returns:
         (1, M) points of the input's dtype in PCL's order of voxels: x runs fastest, z slowest.
@@ -55,35 +61,33 @@ def voxel_grid(points: Points, leaf: float | tuple[float, float, float], out: Po
     Raises:
         GeometryError: an edge is not above zero, or a point lies 2^20 voxels or more from the origin (the sum of its
             distances along x, y and z), or over 2^24 points share a voxel.
-        PointsError: not a cloud.
+        PointsError: not a cloud, or `out` does not fit.
     """
     cloud = words_of(points)
     edges = _edges(leaf)
-    steps, longest = _fineness(float(edges.max()))
-    grid = np.empty(4, np.float32)
-    grid[:3], grid[3] = np.float32(1) / edges, steps
-    cells = scratch("voxel cells", (cloud.count + TILE, 4), np.int32)
-    sums = scratch("voxel sums", (cloud.count + TILE, 2), np.uint64)
-    runs = _runs(cloud.words, cloud.layout, cloud.colour, grid, longest, cells, sums)
-    if runs < 0:
-        raise GeometryError(_overflow(cloud.words, cloud.layout, leaf))
-    cells, sums = cells[:runs], sums[:runs]
-    voxel, count = _numbered(cells, cloud.words.nbytes)
-    totals, corners = scratch("voxel totals", (count, 6), np.uint64), scratch("voxel corners", (count, 2), np.int64)
-    _totals(voxel, cells.view(np.int64), sums, totals, corners)
+    bits = _fineness(float(edges.max()))
+    keys = scratch("voxel keys", (cloud.count + TILE,), np.uint64)
+    runs = scratch("voxel runs", (cloud.count + TILE, 6), np.uint32)
+    firsts = np.empty(0 if points.dtype in (XYZ, XYZRGB) else cloud.count + TILE, np.int32)
+    box = np.empty((2, 3), np.uint32)
+    used, far = _runs(cloud.words, cloud.layout, cloud.colour, _scale(edges, bits), bits, keys, runs, firsts, box)
+    if far:
+        bits = min(bits, _fineness_of_reach(cloud, edges, leaf))
+        used, _ = _runs(cloud.words, cloud.layout, cloud.colour, _scale(edges, bits), bits, keys, runs, firsts, box)
+    keys, runs = keys[:used], runs[:used]
+    voxel, count = _numbered(keys, (box >> bits).astype(np.int64), cloud.words.nbytes)
+    totals = scratch("voxel totals", (count, 6), np.uint64)
+    _totals(voxel, keys, runs, bits, totals)
     if cloud.count > _CROWD and totals[:, 3].max() > _CROWD:
         raise GeometryError(f"leaf {leaf} m gathers over 2^24 points in one voxel; use a smaller one")
     colour = colour_field(points)
     packed = XYZRGB if colour else XYZ
-    fits = out is not None and out.dtype == packed == points.dtype and out.flags.c_contiguous and out.size >= count
-    averaged = out.reshape(1, -1)[:, :count] if out is not None and fits else np.empty((1, count), packed)
-    doubles = edges.astype(np.float64)
-    _emit(totals.view(np.int64), corners.view(np.int32), doubles, steps, record_words(averaged), colour is not None)
-    return (
-        averaged
-        if points.dtype == packed
-        else _with_fields(points, averaged, cells[:, 3], (sums[:, 1] >> 58).astype(np.int64), voxel)
-    )
+    same = points.dtype == packed
+    averaged = room_for(points, count, out)[:, :count] if same else np.empty((1, count), packed)
+    _emit(totals.view(np.int64), edges.astype(np.float64) / 2.0**bits, record_words(averaged), colour is not None)
+    if same:
+        return averaged
+    return _with_fields(points, averaged, firsts[:used], runs[:, 3].astype(np.int64), voxel)
 
 
 def _edges(leaf: float | tuple[float, float, float]) -> NDArray[np.float32]:
@@ -94,21 +98,30 @@ def _edges(leaf: float | tuple[float, float, float]) -> NDArray[np.float32]:
     return edges
 
 
-def _fineness(edge: float) -> tuple[float, int]:
-    """Steps into which the edge of a voxel is divided, and how many places may then be summed up in 21 bits.
-
-    65535 steps, and more for voxels over 13 cm, so that a step is at most 2 micrometres up to an edge of 4 m.
-    """
-    longest = 32
-    while longest > 1 and edge * longest > 2e-6 * 2**21:
-        longest //= 2
-    return 2.0**21 / longest - 1.0, longest
+def _fineness(edge: float) -> int:
+    """The edge of a voxel is divided into 2 to this power of steps: of 2 micrometres at most, up to an edge of 4 m."""
+    bits = 16
+    while bits < 21 and edge > 2e-6 * 2**bits:
+        bits += 1
+    return bits
 
 
-def _overflow(words: NDArray[np.float32], layout: Layout, leaf: float | tuple[float, float, float]) -> str:
-    rows = words.reshape(-1, layout[0])[:, list(layout[1:])]
-    farthest = float(np.abs(rows[np.isfinite(rows).all(axis=1)]).max())
-    return f"leaf {leaf} m is too small for coordinates up to {farthest:g} m: at most 2^20 voxels from the origin"
+def _fineness_of_reach(cloud: Words, edges: NDArray[np.float32], leaf: float | tuple[float, float, float]) -> int:
+    """The finest at which the places of all points are within `_ROOM`."""
+    rows = cloud.words.reshape(-1, cloud.layout[0])[:, list(cloud.layout[1:])]
+    finite = rows[np.isfinite(rows).all(axis=1)].astype(np.float64)
+    farthest = float((np.abs(finite) / edges).sum(axis=1).max()) + 3
+    if farthest >= _REACH:
+        raise GeometryError(
+            f"leaf {leaf} m is too small for coordinates up to {np.abs(finite).max():g} m: at most 2^20 voxels from "
+            "the origin"
+        )
+    return math.floor(math.log2(_ROOM / farthest))
+
+
+def _scale(edges: NDArray[np.float32], bits: int) -> NDArray[np.float32]:
+    """Steps a metre (3,); a power of two times what PCL multiplies by, so that roundings are the same."""
+    return np.float32(1) / edges * np.float32(2**bits)
 
 
 def _with_fields(
@@ -136,181 +149,208 @@ def _runs(
     words: NDArray[np.float32],
     layout: Layout,
     colour: int,
-    grid: NDArray[np.float32],
-    longest: int,
-    cells: NDArray[np.int32],
-    sums: NDArray[np.uint64],
-) -> int:
+    scale: NDArray[np.float32],
+    bits: int,
+    keys: NDArray[np.uint64],
+    runs: NDArray[np.uint32],
+    firsts: NDArray[np.int32],
+    box: NDArray[np.uint32],
+) -> tuple[int, bool]:
     """Find the runs of successive points that share a voxel.
+
+    Works on rows of four words a point, as a packed cloud has them: turning them into columns costs more than it helps.
 
     Args:
         words: the cloud.
         layout: of the words.
         colour: word of the packed colour, -1 without.
-        grid: (4,) one by the edges of a voxel, and into how many steps an edge is divided.
-        longest: points in a run at most, a power of two up to 32.
-        cells: gets, a run a row, the number of the voxel along x, y and z, and the first point of the run.
-        sums: gets the sums of places, as `_locate` packs them, and of colours, as `_spread_colours` does.
+        scale: (3,) steps a metre.
+        bits: of the steps in a voxel.
+        keys: (R,) gets the voxel of each run: the upper bits of its place, x | y << 21 | z << 42.
+        runs: (R, 6) gets the sums of the lower bits of x, y and z, the number of points, and the sums of
+            blue | green << 16 and of red | alpha << 16.
+        firsts: gets the first point of each run, if it has room for them.
+        box: (2, 3) gets the least and greatest places.
 
     Returns:
-        How many runs there are; -1 where a point is out of reach.
+        How many runs there are; and whether a place is out of room: its point is left out like a hole.
     """
     count = len(words) // layout[0]
-    tile = new_tile()
-    cell = np.empty((3, TILE), np.int32)
-    starts = np.empty(TILE, np.uint8)
-    numbers = np.empty((2, TILE), np.uint64)
-    ends = np.zeros((TILE + 1, 2), np.uint64)
-    used = 0
+    packed = layout[0] == 4 and layout[1] == 0 and layout[2] == 1 and layout[3] == 2 and (colour == 3 or colour < 0)
+    rows, scales = np.empty(4 * TILE, np.float32), np.zeros(4 * TILE, np.float32)
+    coordinates, ones = np.zeros(4 * TILE, np.uint32), np.zeros(4 * TILE, np.uint32)
+    for axis in range(3):
+        scales[axis::4] = scale[axis]
+        coordinates[axis::4] = 0xFFFFFFFF
+    voxel, ones[3::4] = coordinates << np.uint32(bits), 1
+    place, changed = np.empty(4 * TILE, np.uint32), np.empty(4 * TILE, np.uint32)
+    ends = np.zeros(8 * (TILE + 1), np.uint32)
+    box[0], box[1] = np.uint32(0xFFFFFFFF), 0
+    used, far = 0, False
     for start in range(0, count, TILE):
-        load_tile(words, layout, colour, start, tile)
-        _locate(tile, grid, cell, numbers[0].view(np.uint32))
-        if not _mark_starts(cell, longest, starts):
-            continue
-        _spread_colours(tile[3].view(np.uint32), numbers[1].view(np.uint32))
-        runs = _run_ends(numbers, starts, ends)
-        used = _append(cell, ends, runs, start, cells, sums, used)
-        if used < 0:
-            break
-    return used
+        if packed and start + TILE <= count:
+            tile = words[4 * start : 4 * (start + TILE)]
+        else:
+            _load_rows(words, layout, colour, start, rows)
+            tile = rows
+        _locate(tile, scales, coordinates, ones, place)
+        if _compare(place, voxel, changed):
+            found = _run_ends(place, tile.view(np.uint8), changed.view(np.uint64), ends)
+            used, too_far = _append(place, ends, found, start, bits, keys, runs, firsts, box, used)
+            far |= too_far
+    return used, far
+
+
+@njit(cache=True, nogil=True)
+def _load_rows(words: NDArray[np.float32], layout: Layout, colour: int, start: int, rows: NDArray[np.float32]) -> None:
+    """Rows x y z colour of the points of a tile; behind the last point holes."""
+    tile = new_tile()
+    load_tile(words, layout, colour, start, tile)
+    for i in range(TILE):
+        rows[4 * i], rows[4 * i + 1], rows[4 * i + 2], rows[4 * i + 3] = tile[0, i], tile[1, i], tile[2, i], tile[3, i]
 
 
 @njit(cache=True, nogil=True)
 def _locate(
-    tile: NDArray[np.float32], grid: NDArray[np.float32], cell: NDArray[np.int32], places: NDArray[np.uint32]
+    rows: NDArray[np.float32],
+    scales: NDArray[np.float32],
+    coordinates: NDArray[np.uint32],
+    ones: NDArray[np.uint32],
+    place: NDArray[np.uint32],
 ) -> None:
-    """Voxel numbers of the points of a tile, and the place of each in its voxel: x | y << 21 | z << 42, in steps."""
-    ix, iy, iz, steps = grid[0], grid[1], grid[2], grid[3]
-    reach, infinite, zero = np.float32(_REACH), np.float32(np.inf), np.float32(0)
-    hole, far = np.float32(_HOLE), np.float32(_FAR)
-    for i in range(TILE):
-        x, y, z = tile[0, i] * ix, tile[1, i] * iy, tile[2, i] * iz
-        floor_x, floor_y, floor_z = np.floor(x), np.floor(y), np.floor(z)
-        distance = abs(floor_x) + abs(floor_y) + abs(floor_z)  # NaN at a hole
-        near = distance < reach
-        gone = far if distance < infinite else hole
-        cell[0, i] = np.int32(floor_x if near else gone)
-        cell[1, i] = np.int32(floor_y if near else zero)
-        cell[2, i] = np.int32(floor_z if near else zero)
-        x, y, z = (x - floor_x) * steps, (y - floor_y) * steps, (z - floor_z) * steps
-        tile[0, i] = x if near else zero
-        tile[1, i] = y if near else zero
-        tile[2, i] = z if near else zero
-    for i in range(TILE):
-        place_y = np.uint32(np.int32(tile[1, i]))
-        places[2 * i] = np.uint32(np.int32(tile[0, i])) | (place_y << np.uint32(21))
-        places[2 * i + 1] = (place_y >> np.uint32(11)) | (np.uint32(np.int32(tile[2, i])) << np.uint32(10))
+    """The places of the points of a tile, in steps, and 1 in the fourth word of each."""
+    room, infinite = np.float32(_ROOM), np.float32(np.inf)
+    hole, far = np.float32(-(2.0**31)), np.float32(_ROOM)  # `_HOLE` and `_FAR` with ROOM added
+    for k in range(4 * TILE):
+        steps = np.floor(rows[k] * scales[k])
+        whole = np.int32(steps if abs(steps) < room else far if abs(steps) < infinite else hole)
+        place[k] = ((np.uint32(whole) + np.uint32(_ROOM)) & coordinates[k]) | ones[k]
 
 
 @njit(cache=True, nogil=True)
-def _spread_colours(bits: NDArray[np.uint32], colours: NDArray[np.uint32]) -> None:
-    """Room for 32 times each channel, and a count of points: blue | green << 13 | red << 32 | alpha << 45 | 1 << 58."""
-    for i in range(TILE):
-        packed = bits[i]
-        colours[2 * i] = (packed & np.uint32(0xFF)) | ((packed & np.uint32(0xFF00)) << np.uint32(5))
-        high = ((packed >> np.uint32(16)) & np.uint32(0xFF)) | ((packed >> np.uint32(24)) << np.uint32(13))
-        colours[2 * i + 1] = high | np.uint32(1 << 26)
+def _compare(place: NDArray[np.uint32], voxel: NDArray[np.uint32], changed: NDArray[np.uint32]) -> bool:
+    """In which bits the voxel of a point differs from that before; False where the whole tile is a hole."""
+    some = np.uint32(0)
+    for k in range(4, 4 * TILE):
+        differs = (place[k] ^ place[k - 4]) & voxel[k]
+        changed[k] = differs
+        some |= differs
+    changed[:4] = 1
+    return some != 0 or not (place[0] == _HOLE or place[1] == _HOLE or place[2] == _HOLE)
 
 
 @njit(cache=True, nogil=True)
-def _mark_starts(cell: NDArray[np.int32], longest: int, starts: NDArray[np.uint8]) -> bool:
-    """1 where a run begins; False where the whole tile is a hole."""
-    for i in range(1, TILE):
-        changed = (cell[0, i] != cell[0, i - 1]) | (cell[1, i] != cell[1, i - 1]) | (cell[2, i] != cell[2, i - 1])
-        starts[i] = changed
-    starts[0] = cell[0, 0] != _HOLE
-    some = np.uint64(0)
-    for eight in starts.view(np.uint64):
-        some |= eight
-    for i in range(0, TILE, longest):
-        starts[i] = 1
-    return bool(some != 0)
+def _run_ends(
+    place: NDArray[np.uint32], channels: NDArray[np.uint8], changed: NDArray[np.uint64], ends: NDArray[np.uint32]
+) -> Any:
+    """Running sums at the end of each run, in rows 1, 2, ... of 8 words; returns how many runs there are.
 
-
-@njit(cache=True, nogil=True)
-def _run_ends(numbers: NDArray[np.uint64], starts: NDArray[np.uint8], ends: NDArray[np.uint64]) -> Any:
-    """Running sums at the end of each run, in rows 1, 2, ... of `ends`; returns how many runs there are.
-
-    Every point writes its sums to the row of its run, and the last ones stay: no branch that could be mispredicted.
-    Carries from one packed number into the next do not harm, the difference of two sums is again exact. (Unsigned,
+    Every point writes its sums to the row of its run, and the last ones stay: no branch that could be mispredicted. The
+    sums overflow, which does not harm, as the difference of two is again exact. The eight are added at once. (Unsigned,
     because a signed index would be checked for counting from the end.)
     """
-    places = colours = np.uint64(0)
-    run = np.uint64(0)
-    for i in range(TILE):
-        run += np.uint64(starts[i])
-        places += numbers[0, i]
-        colours += numbers[1, i]
-        ends[run, 0] = places
-        ends[run, 1] = colours
+    x = y = z = n = blue = green = red = alpha = np.uint32(0)
+    run, one = np.uint64(0), np.uint64(1)
+    for i in range(np.uint64(TILE)):
+        run += one if changed[np.uint64(2) * i] | changed[np.uint64(2) * i + one] else np.uint64(0)
+        k, end, byte = np.uint64(4) * i, np.uint64(8) * run, np.uint64(16) * i + np.uint64(12)
+        x += place[k]
+        y += place[k + np.uint64(1)]
+        z += place[k + np.uint64(2)]
+        n += place[k + np.uint64(3)]
+        blue += np.uint32(channels[byte])
+        green += np.uint32(channels[byte + np.uint64(1)])
+        red += np.uint32(channels[byte + np.uint64(2)])
+        alpha += np.uint32(channels[byte + np.uint64(3)])
+        ends[end] = x
+        ends[end + np.uint64(1)] = y
+        ends[end + np.uint64(2)] = z
+        ends[end + np.uint64(3)] = n
+        ends[end + np.uint64(4)] = blue
+        ends[end + np.uint64(5)] = green
+        ends[end + np.uint64(6)] = red
+        ends[end + np.uint64(7)] = alpha
     return run
 
 
 @njit(cache=True, nogil=True)
 def _append(
-    cell: NDArray[np.int32],
-    ends: NDArray[np.uint64],
-    runs: Any,
+    place: NDArray[np.uint32],
+    ends: NDArray[np.uint32],
+    found: Any,
     start: int,
-    cells: NDArray[np.int32],
-    sums: NDArray[np.uint64],
+    bits: int,
+    keys: NDArray[np.uint64],
+    runs: NDArray[np.uint32],
+    firsts: NDArray[np.int32],
+    box: NDArray[np.uint32],
     used: int,
-) -> int:
-    """Add the runs of a tile that are not holes to those of the cloud; returns how many there are then, -1: too far."""
-    last, first = np.uint64(used), np.uint64(0)
+) -> tuple[int, bool]:
+    """Add the runs of a tile that are not holes to those of the cloud.
+
+    Returns:
+        How many there are then; and whether a place of the tile is out of room.
+    """
+    shift, inside = np.uint32(bits), np.uint32((1 << bits) - 1)
+    last, first, valid = np.uint64(used), np.uint64(0), np.uint32(0x7FFFFFFF)
     far = False
-    for run in range(np.uint64(runs)):
-        x = cell[0, first]
-        far |= x == _FAR
-        after = run + np.uint64(1)
-        colours = ends[after, 1] - ends[run, 1]
-        cells[last, 0] = x
-        cells[last, 1] = cell[1, first]
-        cells[last, 2] = cell[2, first]
-        cells[last, 3] = start + first
-        sums[last, 0] = ends[after, 0] - ends[run, 0]
-        sums[last, 1] = colours
-        last += np.uint64(x != _HOLE)
-        first += colours >> np.uint64(58)
-    return np.int64(-1) if far else np.int64(last)  # type: ignore[return-value]  # int() would keep it unsigned
+    low_x, low_y, low_z, high_x, high_y, high_z = box[0, 0], box[0, 1], box[0, 2], box[1, 0], box[1, 1], box[1, 2]
+    for run in range(np.uint64(found)):
+        k, end = np.uint64(4) * first, np.uint64(8) * run
+        x, y, z = place[k], place[k + np.uint64(1)], place[k + np.uint64(2)]
+        n = ends[end + np.uint64(11)] - ends[end + np.uint64(3)]
+        runs[last, 0] = ends[end + np.uint64(8)] - ends[end] - n * (x & ~inside)
+        runs[last, 1] = ends[end + np.uint64(9)] - ends[end + np.uint64(1)] - n * (y & ~inside)
+        runs[last, 2] = ends[end + np.uint64(10)] - ends[end + np.uint64(2)] - n * (z & ~inside)
+        runs[last, 3] = n
+        blue, green = (
+            ends[end + np.uint64(12)] - ends[end + np.uint64(4)],
+            ends[end + np.uint64(13)] - ends[end + np.uint64(5)],
+        )
+        red, alpha = (
+            ends[end + np.uint64(14)] - ends[end + np.uint64(6)],
+            ends[end + np.uint64(15)] - ends[end + np.uint64(7)],
+        )
+        runs[last, 4] = blue | (green << np.uint32(16))
+        runs[last, 5] = red | (alpha << np.uint32(16))
+        keys[last] = (
+            np.uint64(x >> shift) | (np.uint64(y >> shift) << np.uint64(21)) | (np.uint64(z >> shift) << np.uint64(42))
+        )
+        if len(firsts):
+            firsts[last] = start + first
+        hole = (x | y | z) > valid
+        far |= (x == _FAR) | (y == _FAR) | (z == _FAR)
+        low_x, low_y, low_z = (low_x, low_y, low_z) if hole else (min(low_x, x), min(low_y, y), min(low_z, z))
+        high_x, high_y, high_z = (high_x, high_y, high_z) if hole else (max(high_x, x), max(high_y, y), max(high_z, z))
+        last += np.uint64(0) if hole else np.uint64(1)
+        first += np.uint64(n)
+    box[0, 0], box[0, 1], box[0, 2], box[1, 0], box[1, 1], box[1, 2] = low_x, low_y, low_z, high_x, high_y, high_z
+    return np.int64(last), far  # type: ignore[return-value]  # int() would keep it unsigned
 
 
-def _numbered(cells: NDArray[np.int32], room: int) -> tuple[NDArray[np.uint32], int]:
+def _numbered(keys: NDArray[np.uint64], box: NDArray[np.int64], room: int) -> tuple[NDArray[np.uint32], int]:
     """Number of each run's voxel among the occupied ones in order, uint32 (R,), and how many are occupied.
 
     A map of one bit a voxel is used while it takes at most `room` bytes; a wider cloud is sorted instead.
     """
-    number = scratch("voxel numbers", (len(cells),), np.uint32)
-    if len(cells) == 0:
+    number = scratch("voxel numbers", (len(keys),), np.uint32)
+    if len(keys) == 0:
         return number, 0
-    low, size = _extent(cells)
+    size = box[1] - box[0] + 1
     voxels = math.prod(float(edge) for edge in size.tolist())
     if voxels > min(8.0 * max(room, 2**20), 2.0**31 - 64):
-        return number, _number_by_sorting(cells, number)
+        voxel, number[:] = np.unique(keys, return_inverse=True)
+        return number, len(voxel)
     length = int(voxels) // 64 + 1
     occupied = scratch("voxel map", (length,), np.uint64, zeroed=True)
     before = scratch("voxel ranks", (length,), np.uint32)
     touched = scratch("voxel parts", (length // 64 + 1,), np.uint8, zeroed=True)
-    return number, _number_by_map(cells, low, size, number, occupied, before, touched)
-
-
-@njit(cache=True, nogil=True)
-def _extent(cells: NDArray[np.int32]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Least voxel numbers (3,), and how many there are up to the greatest (3,)."""
-    low_x = high_x = cells[0, 0]
-    low_y = high_y = cells[0, 1]
-    low_z = high_z = cells[0, 2]
-    for run in range(len(cells)):
-        x, y, z = cells[run, 0], cells[run, 1], cells[run, 2]
-        low_x, low_y, low_z = min(low_x, x), min(low_y, y), min(low_z, z)
-        high_x, high_y, high_z = max(high_x, x), max(high_y, y), max(high_z, z)
-    size = np.array([high_x - low_x + 1, high_y - low_y + 1, high_z - low_z + 1], dtype=np.int64)
-    return np.array([low_x, low_y, low_z], dtype=np.int64), size
+    return number, _number_by_map(keys, box[0], size, number, occupied, before, touched)
 
 
 @njit(cache=True, nogil=True)
 def _number_by_map(
-    cells: NDArray[np.int32],
+    keys: NDArray[np.uint64],
     low: NDArray[np.int64],
     size: NDArray[np.int64],
     number: NDArray[np.uint32],
@@ -324,10 +364,12 @@ def _number_by_map(
     and after.
     """
     six, low_bits, one = np.uint32(6), np.uint32(63), np.uint64(1)
+    axis = np.int64(2 * _REACH - 1)
     size_x, size_y = size[0], size[1]
-    for run in range(len(cells)):
-        rows = (cells[run, 1] - low[1]) + size_y * (cells[run, 2] - low[2])
-        number[run] = (cells[run, 0] - low[0]) + size_x * rows
+    least = low[0] + size_x * (low[1] + size_y * low[2])
+    for run in range(len(keys)):
+        key = np.int64(keys[run])
+        number[run] = (key & axis) + size_x * (((key >> 21) & axis) + size_y * (key >> 42)) - least
         word = number[run] >> six
         occupied[word] |= one << np.uint64(number[run] & low_bits)
         touched[word >> six] = 1
@@ -349,17 +391,6 @@ def _number_by_map(
 
 
 @njit(cache=True, nogil=True)
-def _number_by_sorting(cells: NDArray[np.int32], number: NDArray[np.uint32]) -> int:
-    keys = np.empty(len(cells), np.int64)
-    for run in range(len(keys)):
-        x, y, z = np.int64(cells[run, 0]), np.int64(cells[run, 1]), np.int64(cells[run, 2])
-        keys[run] = ((z + _REACH) << 42) | ((y + _REACH) << 21) | (x + _REACH)
-    voxels = np.unique(keys)
-    number[:] = np.searchsorted(voxels, keys)
-    return len(voxels)
-
-
-@njit(cache=True, nogil=True)
 def _ones(bits: Any) -> Any:
     """How many bits of a 64-bit word are set (Warren, Hacker's Delight, 2002)."""
     bits = bits - ((bits >> np.uint64(1)) & np.uint64(0x5555555555555555))
@@ -371,60 +402,78 @@ def _ones(bits: Any) -> Any:
 @njit(cache=True, nogil=True)
 def _totals(
     voxel: NDArray[np.uint32],
-    cells: NDArray[np.int64],
-    sums: NDArray[np.uint64],
+    keys: NDArray[np.uint64],
+    runs: NDArray[np.uint32],
+    bits: int,
     totals: NDArray[np.uint64],
-    corners: NDArray[np.int64],
 ) -> None:
-    """Add the runs up, into (M, 6) x, y, z, points, blue | red << 32, green | alpha << 32; and copy each voxel's cell.
+    """Add the runs up, into (M, 6) x, y, z (places with `_ROOM` added), points, blue | red << 32, green | alpha << 32.
 
     Args:
         voxel: number of each run's voxel.
-        cells: as `_runs` gives them, two int32 in one.
-        sums: as `_runs` gives them.
+        keys: as `_runs` gives them.
+        runs: as `_runs` gives them.
+        bits: of the steps in a voxel.
         totals: gets the sums.
-        corners: (M, 2) gets the cells.
     """
     totals[:] = 0
-    place, channels = np.uint64(2**21 - 1), np.uint64(0x00001FFF00001FFF)
+    axis, shift, low, half = np.uint64(2 * _REACH - 1), np.uint64(bits), np.uint64(0xFFFF), np.uint64(16)
     for run in range(len(voxel)):
         here = voxel[run]
-        places, colours = sums[run, 0], sums[run, 1]
-        totals[here, 0] += places & place
-        totals[here, 1] += (places >> np.uint64(21)) & place
-        totals[here, 2] += places >> np.uint64(42)
-        totals[here, 3] += colours >> np.uint64(58)
-        totals[here, 4] += colours & channels
-        totals[here, 5] += (colours >> np.uint64(13)) & channels
-        corners[here, 0] = cells[run, 0]
-        corners[here, 1] = cells[run, 1]
+        key, points = keys[run], np.uint64(runs[run, 3])
+        whole = points << shift
+        totals[here, 0] += np.uint64(runs[run, 0]) + (key & axis) * whole
+        totals[here, 1] += np.uint64(runs[run, 1]) + ((key >> np.uint64(21)) & axis) * whole
+        totals[here, 2] += np.uint64(runs[run, 2]) + (key >> np.uint64(42)) * whole
+        totals[here, 3] += points
+        one, other = np.uint64(runs[run, 4]), np.uint64(runs[run, 5])
+        totals[here, 4] += (one & low) | ((other & low) << np.uint64(32))
+        totals[here, 5] += (one >> half) | ((other >> half) << np.uint64(32))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")  # no voxel is empty, and a test for it would cost a tenth
-def _emit(
+def _emit(totals: NDArray[np.int64], step: NDArray[np.float64], words: NDArray[np.float32], coloured: bool) -> None:
+    """Write the averages, one voxel after the other, into 16-byte points; `step` in metres (3,)."""
+    tile = new_tile()
+    for start in range(0, len(totals), TILE):
+        part = totals[start : start + TILE]
+        _average(part, step, coloured, tile, tile[3].view(np.uint32))
+        into = words[4 * start : 4 * (start + len(part))]
+        for i in range(len(part)):
+            into[4 * i], into[4 * i + 1], into[4 * i + 2], into[4 * i + 3] = (
+                tile[0, i],
+                tile[1, i],
+                tile[2, i],
+                tile[3, i],
+            )
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _average(
     totals: NDArray[np.int64],
-    corners: NDArray[np.int32],
-    edges: NDArray[np.float64],
-    steps: float,
-    words: NDArray[np.float32],
+    step: NDArray[np.float64],
     coloured: bool,
+    tile: NDArray[np.float32],
+    colour: NDArray[np.uint32],
 ) -> None:
-    """Write the averages, one voxel after the other, into 16-byte points."""
-    bits = words.view(np.uint32)
-    half = 0.5 / steps  # a place was cut off to the step below
+    """Averages of up to a tile of voxels, side by side."""
     tiny = 2.0**-34  # lifts a quotient that rounding left just below a whole number; others lie 1 / points below it
+    origin = _ROOM - 0.5  # a place was cut off to the step below
     low = 0xFFFFFFFF
-    for voxel in range(len(totals)):
-        share = 1.0 / totals[voxel, 3]
-        fine = share / steps
-        words[4 * voxel] = np.float32((corners[voxel, 0] + (totals[voxel, 0] * fine + half)) * edges[0])
-        words[4 * voxel + 1] = np.float32((corners[voxel, 1] + (totals[voxel, 1] * fine + half)) * edges[1])
-        words[4 * voxel + 2] = np.float32((corners[voxel, 2] + (totals[voxel, 2] * fine + half)) * edges[2])
-        even, odd = totals[voxel, 4], totals[voxel, 5]
+    sx, sy, sz = step[0], step[1], step[2]
+    for i in range(len(totals)):
+        share = 1.0 / totals[i, 3]
+        tile[0, i] = np.float32((totals[i, 0] * share - origin) * sx)
+        tile[1, i] = np.float32((totals[i, 1] * share - origin) * sy)
+        tile[2, i] = np.float32((totals[i, 2] * share - origin) * sz)
+    for i in range(len(totals)):
+        share = 1.0 / totals[i, 3]
+        even, odd = totals[i, 4], totals[i, 5]
         blue, red = np.int64((even & low) * share + tiny), np.int64(((even >> 32) & low) * share + tiny)
         green, alpha = np.int64((odd & low) * share + tiny), np.int64(((odd >> 32) & low) * share + tiny)
-        packed = blue | (green << 8) | (red << 16) | (alpha << 24)
-        bits[4 * voxel + 3] = packed if coloured else 0
+        colour[i] = blue | (green << 8) | (red << 16) | (alpha << 24)
+    if not coloured:
+        colour[: len(totals)] = 0
 
 
 def warm_up() -> None:

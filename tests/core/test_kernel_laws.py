@@ -13,8 +13,8 @@ from tests.core.clouds import LAYOUTS, coordinates, in_layout, random_cloud
 from zsight_core.above_plane import points_above
 from zsight_core.clusters import clusters_above, euclidean_clusters, image_clusters
 from zsight_core.connected import connected_to
-from zsight_core.depth_image import from_points
-from zsight_core.errors import CoreError
+from zsight_core.depth_image import from_points, to_points
+from zsight_core.errors import CoreError, PointsError
 from zsight_core.filters import box, finite_mask, matching_colour, pass_through, remove_nan
 from zsight_core.image_normals import image_normals
 from zsight_core.multi_plane import planes_of_image
@@ -22,7 +22,7 @@ from zsight_core.normals import normals
 from zsight_core.outliers import remove_radius_outliers, remove_statistical_outliers
 from zsight_core.pack_fields import concatenate, select_fields, to_packed
 from zsight_core.pinhole import Pinhole
-from zsight_core.plane import fit_robust, inliers, plane_through, ransac_plane, select
+from zsight_core.plane import fit_robust, heights, inliers, plane_through, ransac_plane, select
 from zsight_core.points import from_xyz
 from zsight_core.rigid import transform_points
 from zsight_core.statistics import average_colour, bounding_box, centroid, count_finite
@@ -176,3 +176,49 @@ def test_a_moved_cloud_is_filtered_alike(kernel: str) -> None:
 def test_duplicates_do_not_count(kernel: str) -> None:
     cloud = random_cloud(8)
     agree(KERNELS[kernel](np.concatenate([cloud, cloud])), KERNELS[kernel](cloud), 1e-6)
+
+
+LARGE: dict[str, Callable[[Points, Any], Any]] = {
+    "voxel grid": lambda p, out: voxel_grid(p, 0.1, out),
+    "box": lambda p, out: box(p, [-0.5, -0.5, 0.6], [0.5, 0.5, 1.2], out),
+    "pass through": lambda p, out: pass_through(p, "z", 0.6, 1.2, out),
+    "remove NaN": remove_nan,
+    "matching colour": lambda p, out: matching_colour(p, (128, 128, 128), 90, out),
+    "plane selection": lambda p, out: select(p, PLANE, 0.1, out),
+    "points above": lambda p, out: points_above(p, PLANE, 0.05, 0.5, None, out),
+    "radius outliers": lambda p, out: remove_radius_outliers(p, 0.2, 3, out),
+    "statistical outliers": lambda p, out: remove_statistical_outliers(p, 5, 1.0, out),
+    "concatenate": lambda p, out: concatenate([p[:9], p[9:]], out),
+}
+"""What writes at most as many points as the cloud has."""
+
+EXACT: dict[str, Callable[[Points, Any], Any]] = {
+    "transform": lambda p, out: transform_points(p, T, out),
+    "select fields": lambda p, out: select_fields(p, ["z", "x"], out),
+    "plane heights": lambda p, out: heights(p, PLANE, out),
+    "plane inliers": lambda p, out: inliers(p, PLANE, 0.1, out),
+    "normals": lambda p, out: normals(p, 0.2, out),
+    "image normals": lambda p, out: image_normals(p, 5, out=out),
+    "depth image": lambda p, out: from_points(p, LENS, out=out),
+    "depth image in units": lambda p, out: from_points(p, LENS, depth_scale=0.001, out=out),
+    "points of a depth image": lambda p, out: to_points(np.nan_to_num(p["z"]), LENS, out=out),
+}
+"""What writes a result of known shape."""
+
+
+@pytest.mark.parametrize("kernel", [*LARGE, *EXACT])
+def test_room_that_is_given_gets_the_result(kernel: str) -> None:
+    cloud = random_cloud(9)
+    call = (LARGE | EXACT)[kernel]
+    expected = call(cloud, None)
+    room = np.zeros_like(expected) if kernel in EXACT else np.zeros_like(cloud)
+    found = call(cloud, room)
+    assert np.shares_memory(found, room)
+    assert found.tobytes() == expected.tobytes()
+
+
+@pytest.mark.parametrize("kernel", [*LARGE, *EXACT])
+def test_room_that_does_not_fit_is_refused(kernel: str) -> None:
+    cloud = random_cloud(9)
+    with pytest.raises(PointsError, match="output"):
+        (LARGE | EXACT)[kernel](cloud, np.zeros((1, 1), np.uint8))
