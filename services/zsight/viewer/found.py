@@ -38,6 +38,7 @@ class FoundObjects:
         self._catalogue = object_catalogue.load(object_catalogue.shipped_folder())
         self._results: dict[str, FindObjectResult] = {}
         self._nodes: list[str] = []
+        self._places: list[NDArray[np.float64]] = []
         self._generation = frames.generation
         self._lock = threading.RLock()
 
@@ -53,6 +54,11 @@ class FoundObjects:
             self._results.clear()
             self._draw()
 
+    def places(self) -> NDArray[np.float64]:
+        """Centres (N, 3) of the objects that are drawn, in the fixed frame, metres."""
+        with self._lock:
+            return np.array(self._places).reshape(-1, 3)
+
     def update(self) -> None:
         """Draw anew where the fixed frame has changed."""
         if self._generation != self._frames.generation:
@@ -66,7 +72,7 @@ class FoundObjects:
     def _draw(self) -> None:
         for node in self._nodes:
             self._server.scene.remove_by_name(node)
-        self._nodes = []
+        self._nodes, self._places = [], []
         for asked, result in self._results.items():
             T_fixed_answer = self._frames.T_fixed(result.header.frame_id, result.header.stamp.ns)
             if T_fixed_answer is not None:
@@ -93,6 +99,7 @@ class FoundObjects:
         scene, node = self._server.scene, f"/found/{len(self._nodes)}"
         self._nodes.append(node)
         T = T_fixed_answer @ thing.T_frame_thing
+        self._places.append(T[:3, 3])
         length = float(np.clip(0.9 * max(found.size), 0.05, 0.2))
         scene.add_frame(node, axes_length=length, axes_radius=length / 30, **place(T))
         scene.add_mesh_simple(
