@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from zsight import object_catalogue
 from zsight.convert import matrix_of, points_of
 from zsight.errors import DeadlinePassed
-from zsight.transforms import TransformBuffer
+from zsight.transforms import TransformBuffer, TransformUnknown
 from zsight_core import picture
 from zsight_core.transform import inverse
 from zsight_protocol.geometry import TransformList
@@ -20,14 +21,16 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from zsight.bus import Bus
+    from zsight.bus import Bus, Reader
     from zsight.object_catalogue import Catalogue
     from zsight_core.points import Points
     from zsight_protocol.find_object import DetectedObject, FindObjectResult
+    from zsight_protocol.message import Header
 
 __all__ = ["draw_answer", "draw_live"]
 
 _SOON = 1.0  # seconds to wait for transforms and a cloud
+_STEP = 0.05  # seconds to wait for one more transform
 
 
 def draw_answer(
@@ -67,24 +70,43 @@ def draw_answer(
     picture.save_png(path, picture.draw(points, drawings, eye))
 
 
-def draw_live(bus: Bus, result: FindObjectResult, path: Path, camera: str = "kinect") -> None:
-    """Draw an answer over the newest cloud of a running camera.
+def draw_live(bus: Bus, result: FindObjectResult, path: Path) -> None:
+    """Draw an answer over the newest cloud of the camera that it came from.
 
     Raises:
         DeadlinePassed: no cloud came.
+        TransformUnknown: nobody tells where the camera is in the frame of the answer.
     """
+    camera = str(result.report.get("camera") or "kinect")
     clouds = bus.reader(bus.cell.points(camera), PointCloud2)
-    static = bus.reader(bus.cell.tf_static, TransformList)
+    frames = [
+        (bus.reader(key, TransformList), static) for key, static in ((bus.cell.tf_static, True), (bus.cell.tf, False))
+    ]
     received = clouds.take(_SOON)
     if received is None:
         raise DeadlinePassed(f"no cloud on {clouds.counter.key} within {_SOON:g} s: no picture was drawn")
-    buffer = TransformBuffer()
-    while (transforms := static.take(0.05)) is not None:
-        buffer.put(transforms.message, static=True)
     cloud = received.message
-    T_frame_camera = buffer.lookup(result.header.frame_id or cloud.header.frame_id, cloud.header.frame_id)
+    T_frame_camera = _place_of_camera(frames, result.header.frame_id or cloud.header.frame_id, cloud.header)
     types = object_catalogue.load(object_catalogue.shipped_folder())
     draw_answer(path, points_of(cloud), result, types, T_frame_camera)
+
+
+def _place_of_camera(
+    frames: list[tuple[Reader[TransformList], bool]], frame: str, header: Header
+) -> NDArray[np.float64]:
+    """Where the camera was when its cloud was measured, as soon as that is known."""
+    buffer, deadline = TransformBuffer(), time.monotonic() + _SOON
+    while True:
+        for reader, static in frames:
+            heard = reader.take(_STEP)
+            while heard is not None:
+                buffer.put(heard.message, static=static)
+                heard = reader.take(0)
+        try:
+            return buffer.lookup(frame, header.frame_id, header.stamp.ns)
+        except TransformUnknown:
+            if time.monotonic() >= deadline:
+                raise
 
 
 def _line(found: DetectedObject) -> str:

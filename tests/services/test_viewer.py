@@ -35,7 +35,7 @@ from zsight_core.points import colours, from_xyz, xyz
 from zsight_core.transform import from_rpy
 from zsight_protocol.channels import Cell
 from zsight_protocol.find_object import DetectedObject, FindObjectGoal, FindObjectResult, Status
-from zsight_protocol.geometry import Point
+from zsight_protocol.geometry import Plane, Point
 from zsight_protocol.message import Header, Time
 from zsight_protocol.point_cloud import PointCloud2
 from zsight_protocol.scene import Scene as SceneMessage
@@ -101,8 +101,8 @@ class Finder(Gated):
 class Scene:
     """A viewer with its page, a plane finder and a camera of the test, in one network in memory."""
 
-    def __init__(self, page: viewer.Page, bus: Bus, finder: Finder, recordings: Path) -> None:
-        self.page, self.bus, self.finder, self.recordings = page, bus, finder, recordings
+    def __init__(self, page: viewer.Page, bus: Bus, finder: Finder, recordings: Path, planes: planes.Settings) -> None:
+        self.page, self.bus, self.finder, self.recordings, self.planes = page, bus, finder, recordings, planes
         self.clouds = bus.writer(bus.cell.points("kinect"), PointCloud2)
         self.patches = bus.reader(bus.cell.selected_points("kinect"), PointCloud2)
 
@@ -126,7 +126,9 @@ def scene_of(settings: viewer.Settings, folder: Path) -> Iterator[Scene]:
         viewer.open_page(settings) as page,
         running(lambda bus, _: page.show(bus), Bus(MemoryLink(network), cell), settings),
     ):
-        stack.enter_context(running(planes.run, Bus(MemoryLink(network), cell), planes.Settings()))
+        flat, flats = Bus(MemoryLink(network), cell), planes.Settings()
+        stack.enter_context(running(planes.run, flat, flats))
+        serve_parameters(flat, "here", "planes", "planes", Parameters(flats, Saved("test", "planes")))
         recording, playing = recorder.Settings(folder=str(folder)), player.Settings(paused=True)
         stack.enter_context(running(recorder.run, Bus(MemoryLink(network), cell), recording))
         stack.enter_context(running(player.run, Bus(MemoryLink(network), cell), playing))
@@ -137,7 +139,7 @@ def scene_of(settings: viewer.Settings, folder: Path) -> Iterator[Scene]:
         work, served = Finder(), stack.enter_context(Bus(MemoryLink(network), cell))
         server = ActionServer(served, "finder", FindObjectGoal, work, Policy())
         types = serve_catalogue(served, object_catalogue.load(object_catalogue.shipped_folder()), None)
-        yield Scene(page, stack.enter_context(Bus(MemoryLink(network), cell)), work, folder)
+        yield Scene(page, stack.enter_context(Bus(MemoryLink(network), cell)), work, folder, flats)
         types.close()
         server.close()
 
@@ -260,6 +262,21 @@ def test_a_find_is_cancelled(page: Page, scene: Scene) -> None:
     expect(page.get_by_role("button", name="Find", exact=True)).to_be_enabled()
 
 
+def test_switches_beside_the_answer_set_the_planes_service_which_answers_again(page: Page, scene: Scene) -> None:
+    answers = scene.bus.reader(scene.bus.cell.plane("kinect"), Plane)
+    tab(page, "Select")
+    expect(page.get_by_label("Connected only")).to_be_enabled()
+    for name, words in (("connected", "Connected only"), ("above", "Above it, too")):
+        page.get_by_label(words).click()
+        assert soon(lambda name=name: getattr(scene.planes, name), PATIENCE)  # type: ignore[misc]  # bound at once
+        assert answers.take(PATIENCE) is not None
+    page.screenshot(path=SHOTS / "switches.png")
+    scene.planes.connected = scene.planes.above = False
+    expect(page.get_by_label("Connected only")).not_to_be_checked()  # the page follows whoever sets it
+    page.get_by_role("button", name="Clear").click()
+    assert soon(lambda: count_near(pixels(page), RED) > 3000, PATIENCE)
+
+
 def test_a_region_is_drawn_that_finds_look_in_until_it_is_cleared(page: Page, scene: Scene) -> None:
     scene.finder.gate.set()
     tab(page, "Find")
@@ -330,6 +347,18 @@ def test_a_second_browser_joins_and_sees_the_same(page: Page, chromium: Browser,
     page.get_by_label("Clouds", exact=True).click()
     assert soon(lambda: count_near(pixels(second), RED) > 1000, PATIENCE)
     second.context.close()
+
+
+def test_what_is_found_has_one_label(page: Page, scene: Scene) -> None:
+    del page
+    nodes, name = scene.page.viser.scene._handle_from_node_name, "/scene/kinect/segment_2/name"
+    around = table().segments[0].model_copy(update={"pose": pose_of(T_PIN), "size": (0.05, 0.05, 0.1)})
+    scenes = scene.bus.writer(scene.bus.cell.scene("kinect"), SceneMessage)
+    scenes.send(table())
+    assert soon(lambda: name in nodes, PATIENCE)
+    scenes.send(table().model_copy(update={"segments": (around,)}))
+    assert soon(lambda: "/scene/kinect/segment_2" in nodes and name not in nodes, PATIENCE)
+    scene.page.viser.scene.remove_by_name("/scene")
 
 
 def table(height: float = 0.02) -> SceneMessage:
@@ -483,7 +512,8 @@ def test_a_recording_is_made_and_played(page: Page, scene: Scene) -> None:
     page.get_by_role("button", name="Open").click()
     expect(page.get_by_text(f"player: paused {file.name}")).to_be_visible()
     page.screenshot(path=SHOTS / "recorded.png")
-    page.get_by_role("button", name="Play", exact=True).click()
+    page.mouse.click(20, 400)  # away from what takes keys for itself
+    page.keyboard.press("Space")
     received = clouds.take(PATIENCE)
     assert received is not None
     assert points_of(received.message).tobytes() == room().tobytes()

@@ -8,15 +8,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from zsight import object_catalogue
-from zsight.convert import matrix_of
+from zsight.things import things_of
 from zsight.viewer.frames import place
-from zsight_core.model import Box
-from zsight_core.solid import solid_of
 
 if TYPE_CHECKING:
     import viser
     from numpy.typing import NDArray
 
+    from zsight.things import Thing
     from zsight.viewer.clouds import Clouds
     from zsight.viewer.frames import Frames
     from zsight_protocol.find_object import DetectedObject, FindObjectResult
@@ -25,7 +24,6 @@ __all__ = ["FoundObjects", "ellipsoid"]
 
 _DEVIATIONS = 3.0  # standard deviations that the ellipsoid reaches
 _REJECTED = (90, 90, 90)
-_PLAIN = (0, 158, 115)  # of objects whose type has no colour
 
 
 class FoundObjects:
@@ -40,6 +38,7 @@ class FoundObjects:
         self._catalogue = object_catalogue.load(object_catalogue.shipped_folder())
         self._results: dict[str, FindObjectResult] = {}
         self._nodes: list[str] = []
+        self._places: list[NDArray[np.float64]] = []
         self._generation = frames.generation
         self._lock = threading.RLock()
 
@@ -55,6 +54,11 @@ class FoundObjects:
             self._results.clear()
             self._draw()
 
+    def places(self) -> NDArray[np.float64]:
+        """Centres (N, 3) of the objects that are drawn, in the fixed frame, metres."""
+        with self._lock:
+            return np.array(self._places).reshape(-1, 3)
+
     def update(self) -> None:
         """Draw anew where the fixed frame has changed."""
         if self._generation != self._frames.generation:
@@ -68,12 +72,12 @@ class FoundObjects:
     def _draw(self) -> None:
         for node in self._nodes:
             self._server.scene.remove_by_name(node)
-        self._nodes = []
-        for result in self._results.values():
+        self._nodes, self._places = [], []
+        for asked, result in self._results.items():
             T_fixed_answer = self._frames.T_fixed(result.header.frame_id, result.header.stamp.ns)
             if T_fixed_answer is not None:
-                for found in result.objects:
-                    self._draw_one(found, T_fixed_answer)
+                for found, thing in zip(result.objects, things_of(asked, result, self._catalogue), strict=True):
+                    self._draw_one(found, thing, T_fixed_answer)
             if self._rejected.value:
                 self._draw_rejected(result)
 
@@ -91,22 +95,24 @@ class FoundObjects:
             self._server.scene.add_icosphere(node, 0.006, _REJECTED, subdivisions=1, position=place_of)
             self._server.scene.add_label(f"{node}/label", words, font_screen_scale=0.7, anchor="top-center")
 
-    def _draw_one(self, found: DetectedObject, T_fixed_answer: NDArray[np.float64]) -> None:
+    def _draw_one(self, found: DetectedObject, thing: Thing, T_fixed_answer: NDArray[np.float64]) -> None:
         scene, node = self._server.scene, f"/found/{len(self._nodes)}"
         self._nodes.append(node)
-        T = T_fixed_answer @ matrix_of(found.pose)
+        T = T_fixed_answer @ thing.T_frame_thing
+        self._places.append(T[:3, 3])
         length = float(np.clip(0.9 * max(found.size), 0.05, 0.2))
         scene.add_frame(node, axes_length=length, axes_radius=length / 30, **place(T))
-        shape = self._catalogue.outline(found) or Box((0.01, 0.01, 0.001))
-        solid = solid_of(shape)
-        known = self._catalogue.types.get(found.type)
-        colour = known.colour if known is not None and known.colour is not None else _PLAIN
         scene.add_mesh_simple(
-            f"{node}/shape", solid.vertices, solid.faces, color=colour, opacity=0.55, flat_shading=True, side="double"
+            f"{node}/shape",
+            thing.vertices,
+            thing.faces,
+            color=thing.colour,
+            opacity=0.55,
+            flat_shading=True,
+            side="double",
         )
         top = (0.0, 0.0, max(found.size) / 2 + 0.02)
-        words = f"{found.type} {found.score:.0%}"
-        scene.add_label(f"{node}/label", words, position=top, font_screen_scale=0.9, anchor="bottom-center")
+        scene.add_label(f"{node}/label", thing.words, position=top, font_screen_scale=0.9, anchor="bottom-center")
         T_answer_axes, radii = ellipsoid(np.reshape(found.covariance, (6, 6))[:3, :3])
         T_fixed_axes = np.eye(4)
         T_fixed_axes[:3, :3] = T_fixed_answer[:3, :3] @ T_answer_axes

@@ -14,8 +14,10 @@ from zsight.viewer.frames import Frames
 from zsight.viewer.goals import Goals
 from zsight.viewer.health import HealthPanel
 from zsight.viewer.keep import Keep
+from zsight.viewer.known_settings import KnownSettings
 from zsight.viewer.levelling import Levelling
 from zsight.viewer.picking import Picking
+from zsight.viewer.plane_switches import PlaneSwitches
 from zsight.viewer.play_panel import PlayPanel
 from zsight.viewer.record_panel import RecordPanel
 from zsight.viewer.rectangle import RectangleGesture
@@ -99,10 +101,13 @@ class Page:
         with tabs.add_tab("Select"):
             gesture = RectangleGesture(server, clouds)
             selection = Selection(server, bus, frames, clouds, gesture, asks=not settings.read_only)
+            known = KnownSettings(bus)
+            switches: list[Panel] = [] if settings.read_only else [PlaneSwitches(server, known, selection)]
         with tabs.add_tab("Find"):
             form = None if settings.read_only else server.gui.add_folder(None)
             region = RegionOfInterest(server, frames)
             found = FoundObjects(server, frames, clouds)
+            scenes.explained = found.places
             goals = Goals(server, bus, found)
             if form is not None:
                 with form:
@@ -117,7 +122,7 @@ class Page:
         tune: list[Panel] = []
         if not settings.read_only:
             with tabs.add_tab("Tune"):
-                tuning = Tuning(server, bus, frames, clouds, selection, settings.budget)
+                tuning = Tuning(server, known, frames, clouds, selection, settings.budget)
                 tune = [tuning, RerunPanel(server, bus, tuning)]
         with tabs.add_tab("Keep"):
             keep = Keep(server, frames, clouds, settings.folder)
@@ -128,7 +133,7 @@ class Page:
         status = StatusLine(self._words, bus, clouds, read_only=settings.read_only)
         server.on_client_connect(lambda _: clouds.redraw())
         shown: list[Panel] = [status, frames, clouds, cameras, scenes, viewpoint, selection, goals, found, region]
-        return [*shown, health, *tune, keep, *recording]
+        return [*shown, *switches, health, *tune, keep, *recording]
 
 
 @contextlib.contextmanager

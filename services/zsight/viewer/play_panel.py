@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import time
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from viser import Icon
 
@@ -45,10 +46,28 @@ class PlayPanel:
             rate = gui.add_number("Speed", 1.0, min=0.01, max=1000.0, step=0.01)
             loop = gui.add_checkbox("Over and over", False)
         self._playing = False
-        self._go.on_click(lambda _: self._do(player.pause if self._playing else player.play))
+        self._state: PlayerState | None = None
+        self._go.on_click(lambda _: self._toggle())
+        keys: tuple[tuple[str, Any, Callable[[], None]], ...] = (
+            ("Play or pause", "space", self._toggle),
+            ("Next message of the recording", "N", lambda: self._do(player.step)),
+            ("A second back in the recording", "pageup", lambda: self._go_by(-1.0)),
+            ("A second on in the recording", "pagedown", lambda: self._go_by(1.0)),
+            ("Begin the recording again", "home", lambda: self._do(lambda: player.seek(0.0))),
+        )
+        for label, key, act in keys:
+            gui.add_command(label, hotkey=key).on_trigger(partial(_called, act))
         self._line.on_update(self._seek)
         rate.on_update(lambda _: self._do(lambda: player.set_rate(float(rate.value))))
         loop.on_update(lambda _: self._do(lambda: player.set_loop(bool(loop.value))))
+
+    def _toggle(self) -> None:
+        self._do(self._player.pause if self._playing else self._player.play)
+
+    def _go_by(self, seconds: float) -> None:
+        state = self._state
+        if state is not None and state.path:
+            self._do(lambda: self._player.seek(min(max(state.position + seconds, 0.0), state.duration)))
 
     def _seek(self, event: viser.GuiEvent[viser.GuiSliderHandle[float]]) -> None:
         if event.client is not None:  # not moved by the player itself
@@ -67,6 +86,7 @@ class PlayPanel:
             self._show(received.message)
 
     def _show(self, state: PlayerState) -> None:
+        self._state = state
         self._playing = state.state is Playing.PLAYING
         self._go.label = "Pause" if self._playing else "Play"
         words = f"**{state.player}: {state.state}**"
@@ -77,3 +97,7 @@ class PlayPanel:
             self._line.max = round(state.duration, 2)
         if time.monotonic() - self._moved > _OWN:
             set_value(self._line, min(state.position, float(self._line.max)))
+
+
+def _called(act: Callable[[], None], _: object) -> None:
+    act()

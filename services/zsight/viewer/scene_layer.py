@@ -29,6 +29,7 @@ __all__ = ["Pick", "SceneLayer"]
 
 _PERIOD = 0.5  # seconds between two pictures of a scene
 _SURFACE, _KNOWN, _UNKNOWN, _MISSING = (0, 114, 178), (0, 158, 115), (213, 94, 0), (204, 121, 167)
+_BESIDE = 0.01  # metres that the centre of an object may lie beside the box around what is seen of it
 _ABOVE = 0.5  # metres above a surface that belong to it
 
 
@@ -49,13 +50,15 @@ class SceneLayer:
     def __init__(self, server: viser.ViserServer, bus: Bus, frames: Frames) -> None:
         """Args: server of the page; bus; frames that place the scenes."""
         self.on_pick: Callable[[Pick], None] = lambda _: None
+        self.explained: Callable[[], NDArray[np.float64]] = lambda: np.zeros((0, 3))  # centres of found objects
         self._server, self._frames = server, frames
         self._prefix = f"{bus.cell.namespace}/"
         self._reader = bus.reader(bus.cell.scene("*"), Scene, delivery=Delivery.EVERY)
         self._scenes: dict[str, Scene] = {}
         self._nodes: set[str] = set()
+        self._places = np.zeros((0, 3))
         self._lock = threading.RLock()
-        self._next = 0.0
+        self._next, self._is_stale = 0.0, False
         gui = server.gui
         self._surfaces = gui.add_checkbox("Surfaces", True, hint="What things stand on; click one to seek only there")
         self._segments = gui.add_checkbox("Segments", True, hint="What stands there; click one to ask what it is")
@@ -64,13 +67,15 @@ class SceneLayer:
             box.on_update(lambda _: self.draw())
 
     def update(self) -> None:
-        """Take in scenes, and draw the newest."""
-        changed = False
+        """Take in scenes and what was found, and draw the newest."""
         while (received := self._reader.take(0)) is not None:
             self._scenes[received.key.removeprefix(self._prefix).split("/")[0]] = received.message
-            changed = True
-        if changed and time.monotonic() >= self._next:
-            self._next = time.monotonic() + _PERIOD
+            self._is_stale = True
+        places = self.explained()
+        if not np.array_equal(places, self._places):
+            self._places, self._is_stale = places, True
+        if self._is_stale and time.monotonic() >= self._next:
+            self._next, self._is_stale = time.monotonic() + _PERIOD, False
             self.draw()
 
     def surfaces(self) -> list[tuple[NDArray[np.float64], NDArray[np.float64]]]:
@@ -128,8 +133,12 @@ class SceneLayer:
         corners = corners_of(-half, half)
         scene, name = self._server.scene, segment.type or f"unknown {segment.label}"
         scene.add_line_segments(f"{node}/edges", edges_of(corners), colour, thickness=2.0, thickness_units="screen")
-        foot = (0.0, 0.0, -float(half[2]))
-        scene.add_label(f"{node}/name", name, position=foot, font_screen_scale=0.7, anchor="top-center")
+        inside = np.abs((self._places - T_fixed[:3, 3]) @ T_fixed[:3, :3]) <= half + _BESIDE
+        if inside.all(axis=1).any():
+            scene.remove_by_name(f"{node}/name")  # what was found there has a label of its own
+        else:
+            foot = (0.0, 0.0, -float(half[2]))
+            scene.add_label(f"{node}/name", name, position=foot, font_screen_scale=0.7, anchor="top-center")
         pick = Pick(name, False, camera, segment.label, corners @ T_fixed[:3, :3].T + T_fixed[:3, 3])
         handle.on_click(lambda _: self.on_pick(pick))
 

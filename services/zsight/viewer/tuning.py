@@ -2,29 +2,27 @@
 
 from __future__ import annotations
 
-import contextlib
 import threading
 from typing import TYPE_CHECKING, Any
 
-from zsight.client import CellClient
 from zsight.errors import ZsightError
+from zsight.viewer.known_settings import values_of
 from zsight.viewer.preview import Preview
 from zsight.viewer.setting_input import add_input
 
 if TYPE_CHECKING:
     import viser
 
-    from zsight.bus import Bus
     from zsight.viewer.clouds import Clouds
     from zsight.viewer.frames import Frames
+    from zsight.viewer.known_settings import KnownSettings
     from zsight.viewer.patches import Patch
     from zsight.viewer.selection import Selection
-    from zsight_protocol.parameter import Parameter, ParameterAnswer
+    from zsight_protocol.parameter import Parameter
 
 __all__ = ["Tuning"]
 
 _NONE = "(no process tells its settings)"
-_LOOK = 2.0  # seconds between two looks at who is there
 _FREEZE, _GO_ON = "Freeze the picture", "Go on"
 
 
@@ -34,18 +32,15 @@ class Tuning:
     def __init__(
         self,
         server: viser.ViserServer,
-        bus: Bus,
+        known: KnownSettings,
         frames: Frames,
         clouds: Clouds,
         selection: Selection,
         budget: int,
     ) -> None:
-        """Args: server of the page; bus; frames; clouds to hold; selection with a patch; points drawn at most."""
-        self._server, self._bus, self._clouds, self._selection = server, bus, clouds, selection
-        self._client = CellClient(bus)
-        self._answers: dict[str, ParameterAnswer] = {}
-        self._values: dict[str, Any] = {}
-        self._changed: set[str] = set()
+        """Args: server of the page; settings; frames; clouds to hold; selection with a patch; points drawn at most."""
+        self._server, self._known, self._clouds, self._selection = server, known, clouds, selection
+        self._changed: dict[str, Any] = {}
         self._seen: tuple[bool, Patch | None] = (False, None)
         self._lock = threading.RLock()
         gui = server.gui
@@ -58,27 +53,19 @@ class Tuning:
         self._hold.on_click(lambda _: self._clouds.hold(not self._clouds.held))
         self._process.on_update(lambda _: self._choose())
         self._save.on_click(lambda _: self._keep())
-        threading.Thread(target=self._look, name="settings", daemon=True).start()
+        self._choose()
 
     def chosen(self) -> tuple[str, dict[str, Any]]:
         """The service of the chosen process, and its settings as they are set here."""
-        answer = self._answers.get(str(self._process.value))
-        return ("", {}) if answer is None else (answer.service, dict(self._values))
-
-    def _look(self) -> None:
-        while not self._bus.stopping.is_set():
-            try:
-                found = {f"{a.host}/{a.process}": a for a in self._client.parameters.list() if a.parameters}
-            except ZsightError:
-                found = {}
-            if set(found) != set(self._answers):
-                self._answers = found
-                self._process.options = tuple(found) or (_NONE,)
-                self._choose()
-            self._bus.stopping.wait(_LOOK)
+        answer = self._known.answers().get(str(self._process.value))
+        return ("", {}) if answer is None else (answer.service, {**values_of(answer), **self._changed})
 
     def update(self) -> None:
-        """Follow the clouds when they are held or let go, here or elsewhere, and what is selected of them."""
+        """Follow who is there, and the clouds when they are held, let go or selected from, here or elsewhere."""
+        there = tuple(sorted(self._known.answers())) or (_NONE,)
+        if tuple(self._process.options) != there:
+            self._process.options = there
+            self._choose()
         now = (self._clouds.held, self._selection.last)
         if now != self._seen:
             self._seen = now
@@ -90,7 +77,7 @@ class Tuning:
             for child in tuple(self._folder._children.values()):  # noqa: SLF001  viser has no other way to empty one
                 child.remove()
             self._changed.clear()
-            answer = self._asked(str(self._process.value))
+            answer = self._known.answers().get(str(self._process.value))
             if answer is None:
                 self._preview.clear()
                 self._words.content = "Start a cell with `zsight up`: its processes can be tuned here."
@@ -98,29 +85,20 @@ class Tuning:
             self._words.content = (
                 "" if any(p.live for p in answer.parameters) else "It reads its settings at its start alone."
             )
-            self._values = {parameter.name: parameter.value for parameter in answer.parameters}
             with self._folder:
                 for parameter in sorted(answer.parameters, key=lambda p: not p.live):  # first what may be changed
                     add_input(self._server.gui, parameter, self._set)
             self._show()
 
-    def _asked(self, process: str) -> ParameterAnswer | None:
-        """The settings of a process as they are now, which others may have changed since the last look."""
-        if process in self._answers:
-            with contextlib.suppress(ZsightError):
-                self._answers[process] = self._client.parameters.list(process)[0]
-        return self._answers.get(process)
-
     def _set(self, parameter: Parameter, value: Any) -> None:
         with self._lock:
             try:
-                answer = self._client.parameters.set(str(self._process.value), parameter.name, value)
+                words = self._known.set(str(self._process.value), parameter.name, value)
             except ZsightError as error:
                 self._words.content = f"**not set**: {error}"
                 return
-            self._values[parameter.name] = value
-            self._changed.add(parameter.name)
-            self._words.content = answer.message
+            self._changed[parameter.name] = value
+            self._words.content = words
             self._show()
             if not self._clouds.held:
                 self._selection.ask_again()
@@ -128,8 +106,8 @@ class Tuning:
     def _keep(self) -> None:
         with self._lock:
             try:
-                for name in sorted(self._changed):
-                    self._client.parameters.set(str(self._process.value), name, self._values[name], save=True)
+                for name, value in sorted(self._changed.items()):
+                    self._known.set(str(self._process.value), name, value, save=True)
             except ZsightError as error:
                 self._words.content = f"**not saved**: {error}"
                 return
