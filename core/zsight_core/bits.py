@@ -140,7 +140,7 @@ def _bits(  # noqa: C901  one compiled loop over cells; splitting it would pass 
 
 @njit(cache=True, nogil=True)
 def _spacing(grid: NDArray[np.int32], points: NDArray[np.float64], gates: NDArray[np.float64], r: int, c: int) -> float:
-    """Square of the metres to the nearest cell of the same height beside a cell; next to nothing where there is none."""
+    """Square of the metres to the nearest cell of its height beside a cell; next to nothing where there is none."""
     i, least = grid[r, c], np.inf
     for k in range(4):
         j, q = r + (1, -1, 0, 0)[k], c + (0, 0, 1, -1)[k]
