@@ -33,8 +33,8 @@ WORTH_A_CLIMB = 0.2
 PEEKED = 0.4
 """The same after it."""
 
-FIRST_STEP, FIRST_TURN = 0.005, float(np.radians(2.5))
-"""Metres and radians of the first steps of a climb; the last ones are half of them."""
+FIRST_STEP, FIRST_TURN = 0.010, float(np.radians(5.0))
+"""Metres and radians of the first steps of a climb; the last ones are a quarter of them."""
 
 SAME_PLACE, SAME_TURN = 0.006, 0.12
 """Metres along each axis and radians within which two places are one."""
@@ -117,7 +117,7 @@ def _climb(
     """Where steps along one axis at a time lead from a place (3,): x, y, yaw, and the score there."""
     place = start.copy()
     step = 1.0
-    while step > 0.4:
+    while step > 0.2:
         better = False
         for axis in range(axes):
             length = step * (FIRST_STEP if axis < 2 else FIRST_TURN)
@@ -130,7 +130,7 @@ def _climb(
                     score, better = reached, True
                     break  # the other way leads back
                 place[axis] = here
-        if not better or step < 1:
+        if not better or step < 0.4:
             step /= 2
     return place[0], place[1], place[2], score
 
