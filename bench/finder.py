@@ -4,7 +4,8 @@ Scenes are drawn by ``zsight_core.simulation.random_scenes`` from test seeds; wh
 Every scene is seen once, by one of two sensors, and asked for all shipped types, each with all others as rivals, as
 the service asks. Poses are compared in the camera's frame, so that a wrong extrinsic is not held against the finder.
 An object counts as found where an answer of its type is within 20 mm and 15 degrees (symmetries counted; a mesh: within
-20 mm of symmetry-aware surface distance, or one of its equivalent poses is).
+20 mm of symmetry-aware surface distance, or one of its equivalent poses is and the view, had it no noise, would not
+tell that one from the answer either).
 """
 
 from __future__ import annotations
@@ -25,11 +26,13 @@ from zsight.cli.benching import machine
 from zsight.object_catalogue import load, shipped_folder
 from zsight_core import find as finder
 from zsight_core import scene as scene_stage
+from zsight_core.contest import lead
 from zsight_core.model import Box, Cylinder, Mesh, ObjectModel, Sphere, Surface, size_of
 from zsight_core.simulation import camera as simulated
 from zsight_core.simulation.kinect import Kinect
 from zsight_core.simulation.random_scenes import LEVELS, Level, Placed, RandomScene, draw_scene
 from zsight_core.simulation.time_of_flight import TimeOfFlight
+from zsight_core.solid import solid_of
 from zsight_core.transform import angle_between, inverse, transform_xyz
 
 if TYPE_CHECKING:
@@ -50,6 +53,12 @@ NOISES: dict[str, Kinect | TimeOfFlight] = {"kinect": Kinect(), "time_of_flight"
 RECALL = {"alone": 0.99, "+3": 0.99, "+7": 0.97, "+11 touching": 0.93, "+16 occluded": 0.85, "stacked": 0.90}
 NEAR, TURNED = 0.02, 15.0
 LARGELY_SEEN = 0.5
+CLEARLY_TOLD = 40.0
+"""Pixels of a view without noise by which the true pose must lead for another one to be plainly wrong."""
+
+EXACT = 1e-4
+"""Standard deviation of 1 / z in such a view, 1/m."""
+
 CHI_SQUARE_MEDIAN = 2.366
 """Median of the squared normalised error of three coordinates."""
 
@@ -151,7 +160,7 @@ def _compare_objects(tally: Tally, drawn: RandomScene, scene: scene_stage.Scene,
             _count_absent(tally, drawn, model, answers, T_camera_world)
         taken: set[int] = set()
         for detection in answers:
-            best = _nearest(detection, model, true, taken, T_camera_world)
+            best = _nearest(detection, model, true, taken, drawn)
             tally.answers.append((detection.score, best is not None))
             if best is None:
                 tally.wrong.append(_wrong(detection, drawn, T_camera_world, where))
@@ -186,24 +195,38 @@ def _nearest(
     model: ObjectModel,
     true: list[Placed],
     taken: set[int],
-    T_camera_world: NDArray[np.float64],
+    drawn: RandomScene,
 ) -> int | None:
     """Number of the true object that a detection is right about."""
     best: tuple[float, int] | None = None
+    T_camera_world = inverse(drawn.camera.T_world_camera)
     for number, thing in enumerate(true):
         T = T_camera_world @ thing.T_world_model
         distance = float(np.linalg.norm(detection.T_camera_model[:3, 3] - T[:3, 3]))
-        if number in taken or not _is_right(detection, model, T, distance):
+        if number in taken or not _is_right(detection, model, T, distance, drawn):
             continue
         if best is None or distance < best[0]:
             best = (distance, number)
     return None if best is None else best[1]
 
 
-def _is_right(detection: Detection, model: ObjectModel, T: NDArray[np.float64], distance: float) -> bool:
+def _is_right(
+    detection: Detection, model: ObjectModel, T: NDArray[np.float64], distance: float, drawn: RandomScene
+) -> bool:
     if isinstance(model.shape, Mesh):
-        return surface_distance(model.shape, detection, T) < NEAR
+        if surface_distance(model.shape, replace(detection, equivalents=()), T) < NEAR:
+            return True
+        alike = surface_distance(model.shape, detection, T) < NEAR
+        return alike and not _is_told(model.shape, T, detection.T_camera_model, drawn)
     return distance < NEAR and rotation_error(model.shape, detection.T_camera_model, T) < TURNED
+
+
+def _is_told(shape: Mesh, T: NDArray[np.float64], T_other: NDArray[np.float64], drawn: RandomScene) -> bool:
+    """True where the view, had it no noise, would tell the true pose of a mesh from another one."""
+    solid, p = solid_of(shape), drawn.camera.pinhole
+    depth = np.nan_to_num(drawn.view.depth, nan=0.0, posinf=0.0).astype(np.float32)
+    ahead = lead(depth, (p.fx, p.fy, p.cx, p.cy), solid.vertices, solid.faces, T, T_other, EXACT)
+    return ahead > CLEARLY_TOLD
 
 
 def _compare_pose(
