@@ -33,8 +33,8 @@ WORTH_A_CLIMB = 0.2
 PEEKED = 0.4
 """The same after it."""
 
-FIRST_STEP, FIRST_TURN = 0.010, float(np.radians(5.0))
-"""Metres and radians of the first steps of a climb; the last ones are a quarter of them."""
+STEP, TURN = 0.005, float(np.radians(2.5))
+"""Metres and radians of the steps of a climb; the first ones are twice as long, the last ones half."""
 
 SAME_PLACE, SAME_TURN = 0.006, 0.12
 """Metres along each axis and radians within which two places are one."""
@@ -115,24 +115,27 @@ def _climb(
     axes: int,
 ) -> tuple[float, float, float, float]:
     """Where steps along one axis at a time lead from a place (3,): x, y, yaw, and the score there."""
-    place = start.copy()
-    step = 1.0
-    while step > 0.2:
+    x, y, yaw = start[0], start[1], start[2]
+    step = 2.0
+    while step > 0.4:
         better = False
         for axis in range(axes):
-            length = step * (FIRST_STEP if axis < 2 else FIRST_TURN)
-            here = place[axis]
             for sign in (-1.0, 1.0):
-                place[axis] = here + sign * length
-                x, y, yaw = place[0], place[1], place[2]
-                reached = _peek(image, shape, pinhole, T_optical_support, samples, x, y, base, yaw, noise, pixels)
+                along, turn = sign * step * STEP, 0.0
+                if axis == 0:  # the model's own axes: a ridge of the scores of a long thing lies along one of them
+                    dx, dy = along * np.cos(yaw), along * np.sin(yaw)
+                elif axis == 1:
+                    dx, dy = -along * np.sin(yaw), along * np.cos(yaw)
+                else:
+                    dx, dy, turn = 0.0, 0.0, sign * step * TURN
+                there = x + dx, y + dy, base, yaw + turn
+                reached = _peek(image, shape, pinhole, T_optical_support, samples, *there, noise, pixels)
                 if reached > score:
-                    score, better = reached, True
+                    x, y, yaw, score, better = x + dx, y + dy, yaw + turn, reached, True
                     break  # the other way leads back
-                place[axis] = here
-        if not better or step < 0.4:
+        if not better or step != 1:
             step /= 2
-    return place[0], place[1], place[2], score
+    return x, y, yaw, score
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
