@@ -75,7 +75,7 @@ def warm_up() -> None:
     )
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _bits(  # noqa: C901  one compiled loop over cells; splitting it would pass a dozen arrays around
     row: NDArray[np.int64],
     column: NDArray[np.int64],

@@ -81,7 +81,7 @@ def warm_up() -> None:
     )
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _holes(  # noqa: C901  one compiled flood fill; splitting it would pass a dozen numbers around
     depth: NDArray[np.float32],
     kind: NDArray[np.uint8],

@@ -383,7 +383,7 @@ def _of_points(points: Points, view: View, pixel_labels: NDArray[np.int32]) -> N
     return labels.astype(np.int32).reshape(points.shape)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _grid_of(
     outline: NDArray[np.float64], x0: float, y0: float, rows: int, columns: int, cell: float, margin: float
 ) -> NDArray[np.bool_]:
@@ -402,7 +402,7 @@ def _grid_of(
     return grid
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _classify(
     depth: NDArray[np.float32],
     fx: float,
@@ -460,7 +460,7 @@ def _classify(
     return kind, over
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _collect(
     depth: NDArray[np.float32],
     fx: float,
@@ -496,7 +496,7 @@ def _collect(
     return row, column, points, normals, support
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _mean_colours(
     bits: NDArray[np.uint32],
     words: int,
@@ -520,7 +520,7 @@ def _mean_colours(
     return colour
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _paint(
     depth: NDArray[np.float32],
     kind: NDArray[np.uint8],
@@ -556,7 +556,7 @@ def _paint(
     return labels
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _renumber(labels: NDArray[np.int32], renumber: NDArray[np.int32]) -> None:
     """Change labels from 2 in place."""
     for v in range(labels.shape[0]):
@@ -565,7 +565,7 @@ def _renumber(labels: NDArray[np.int32], renumber: NDArray[np.int32]) -> None:
                 labels[v, u] = renumber[labels[v, u]]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _extents(
     depth: NDArray[np.float32],
     fx: float,

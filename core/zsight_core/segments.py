@@ -97,7 +97,7 @@ def warm_up() -> None:
     _contract(_border_weights(coarse, label, normal, len(count), 10.0, 10.0, 6.0, 6.0, 1e-3, CONCAVE, SMOOTH))
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _cells(
     depth: NDArray[np.float32], kind: NDArray[np.uint8], step: int
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
@@ -112,7 +112,7 @@ def _cells(
     return coarse, cells
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _normals(
     depth: NDArray[np.float32],
     cells: NDArray[np.bool_],
@@ -166,7 +166,7 @@ def _normals(
     return normal
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _grow(  # noqa: C901  one compiled loop over pixels; splitting it would pass a dozen numbers around
     depth: NDArray[np.float32],
     cells: NDArray[np.bool_],
@@ -259,7 +259,7 @@ def _grow(  # noqa: C901  one compiled loop over pixels; splitting it would pass
     return _fill(depth, cells, label, sizes[:patches], noise)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _fill(  # noqa: C901  one compiled loop over pixels; splitting it would pass a dozen numbers around
     depth: NDArray[np.float32],
     cells: NDArray[np.bool_],
@@ -338,7 +338,7 @@ def _fill(  # noqa: C901  one compiled loop over pixels; splitting it would pass
     return label, counts
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _summarise(
     depth: NDArray[np.float32],
     label: NDArray[np.int32],
@@ -371,7 +371,7 @@ def _summarise(
     return centroid, mean_normal
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _border_weights(  # noqa: C901  one compiled loop over pixels; splitting it would pass a dozen numbers around
     depth: NDArray[np.float32],
     label: NDArray[np.int32],
@@ -464,7 +464,7 @@ def _border_weights(  # noqa: C901  one compiled loop over pixels; splitting it 
     return weights
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _contract(weights: NDArray[np.float64]) -> NDArray[np.int32]:  # noqa: C901  one compiled loop
     """Greedy additive edge contraction: join the pair with the largest weight above zero until there is none."""
     count = len(weights)

@@ -349,7 +349,7 @@ def _residual(moments: NDArray[np.float64], plane: NDArray[np.float64]) -> float
     return float(np.sqrt(max(left, 0.0) / moments[0]))
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _hull(points: NDArray[np.float64]) -> NDArray[np.float64]:
     """Convex hull (K, 2), counter-clockwise, of points (N, 2) sorted by x, then y."""
     hull = np.empty((2 * len(points) + 1, 2))
@@ -369,7 +369,7 @@ def _hull(points: NDArray[np.float64]) -> NDArray[np.float64]:
     return hull[:size]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _blocks(
     depth: NDArray[np.float32], fx: float, fy: float, cx: float, cy: float, size: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -420,7 +420,7 @@ def _blocks(
     return moments, planes
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _flat_squares(moments: NDArray[np.float64], free: NDArray[np.bool_], gate: float) -> NDArray[np.float64]:
     """Planes (S, 3) of those squares of 4 x 4 blocks, half of them free, whose residual is below gate, 1/m."""
     rows, columns = moments.shape[0] // 4, moments.shape[1] // 4
@@ -452,7 +452,7 @@ def _flat_squares(moments: NDArray[np.float64], free: NDArray[np.bool_], gate: f
     return seeds[:count]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _votes(
     moments: NDArray[np.float64],
     planes: NDArray[np.float64],
@@ -467,27 +467,30 @@ def _votes(
     rows, columns = free.shape
     areas = np.zeros(len(seeds))
     members = np.zeros((rows, columns), np.bool_)
+    blocks = np.empty(((rows // step + 1) * (columns // step + 1), 6))  # x, y, w and unit normal
+    place = np.empty(len(blocks), np.int64)
+    count = 0
+    for r in range(0, rows, step):
+        for c in range(0, columns, step):
+            if free[r, c]:
+                n, a, b, k = moments[r, c, 0], planes[r, c, 0], planes[r, c, 1], planes[r, c, 2]
+                length = np.sqrt(a * a + b * b + k * k)
+                blocks[count, 0], blocks[count, 1] = moments[r, c, 1] / n, moments[r, c, 2] / n
+                blocks[count, 2] = moments[r, c, 6] / n
+                blocks[count, 3], blocks[count, 4], blocks[count, 5] = a / length, b / length, k / length
+                place[count] = r * columns + c
+                count += 1
     for s in range(len(seeds)):
         A, B, C = seeds[s, 0], seeds[s, 1], seeds[s, 2]
         length = np.sqrt(A * A + B * B + C * C)
-        last = s == len(seeds) - 1
-        for r in range(0, rows, step):
-            for c in range(0, columns, step):
-                if not free[r, c]:
-                    continue
-                n = moments[r, c, 0]
-                x, y, w = moments[r, c, 1] / n, moments[r, c, 2] / n, moments[r, c, 6] / n
-                expected = A * x + B * y + C
-                if abs(w - expected) > gate:
-                    continue
-                a, b, k = planes[r, c, 0], planes[r, c, 1], planes[r, c, 2]
-                cosine = (a * A + b * B + k * C) / (length * np.sqrt(a * a + b * b + k * k))
-                if cosine < least_cosine:
-                    continue
-                slant = max(expected / length, 0.1)
-                areas[s] += per_pixel / (w * w * slant)
-                if last:
-                    members[r, c] = True
+        least = least_cosine * length
+        for i in range(count):
+            w, expected = blocks[i, 2], A * blocks[i, 0] + B * blocks[i, 1] + C
+            if abs(w - expected) > gate or blocks[i, 3] * A + blocks[i, 4] * B + blocks[i, 5] * C < least:
+                continue
+            areas[s] += per_pixel / (w * w * max(expected / length, 0.1))
+            if s == len(seeds) - 1:
+                members[place[i] // columns, place[i] % columns] = True
     return areas, members
 
 
@@ -535,7 +538,7 @@ def _refit(
     return m
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _gather(
     depth: NDArray[np.float32],
     fx: float,

@@ -9,6 +9,7 @@ between them are one face, and what stands within the footprint of a higher thin
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -103,12 +104,17 @@ class _Work:
     known: tuple[bytes, _Parts] | None = None
     """The owners for which parts was asked last, and what it was."""
 
+    @cached_property
+    def sums(self) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float64]]:
+        """Of each patch: sums of x and y (K, 2), cells by height (K, bins), and reach (K, WAYS)."""
+        return _sums(self.cells.start, self.cells.points)
+
     def parts(self) -> _Parts:
         state = self.owner.tobytes()
         if self.known is None or self.known[0] != state:
-            count = len(self.owner)
-            colour = np.zeros((count, 3)) if self.colour is None else self.colour
-            facts = _facts(self.cells.start, self.cells.points, self.cells.normals, self.owner, colour, count)
+            colour = np.zeros((len(self.owner), 3)) if self.colour is None else self.colour
+            cells = self.cells
+            facts = _facts(cells.start, cells.points, cells.normals, self.owner, colour, self.sums)
             self.known = (state, _Parts(*facts))
         return self.known[1]
 
@@ -220,7 +226,7 @@ def _belongs(work: _Work, parts: _Parts, borders: NDArray[np.int64], small: int,
     return bool(alike and borders[small, large] > 2 * np.sqrt(parts.size[small]))
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _near(label: NDArray[np.int32], count: int) -> NDArray[np.int64]:
     """Cells (K, K) of one patch that have the other as the next one within three cells in a row or column."""
     near = np.zeros((count, count), np.int64)
@@ -241,7 +247,7 @@ def _near(label: NDArray[np.int32], count: int) -> NDArray[np.int64]:
     return near
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _merge_borders(near: NDArray[np.int64], owner: NDArray[np.int32]) -> NDArray[np.int64]:
     """Sum near over the patches of each two segments."""
     count = len(owner)
@@ -253,37 +259,54 @@ def _merge_borders(near: NDArray[np.int64], owner: NDArray[np.int32]) -> NDArray
     return borders
 
 
-@njit(cache=True, nogil=True)
-def _facts(  # noqa: C901  one compiled loop over cells; splitting it would pass a dozen arrays around
+@njit(cache=True, nogil=True, error_model="numpy")
+def _sums(
+    start: NDArray[np.int64], points: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float64]]:
+    """Of each patch: sums of x and y (K, 2), cells by height (K, bins), and reach (K, WAYS)."""
+    count = len(start) - 1
+    middle, bins = np.zeros((count, 2)), np.zeros((count, _BINS), np.int32)
+    reach = np.full((count, WAYS), -np.inf)
+    ways = np.empty((WAYS, 2))
+    for k in range(WAYS):
+        ways[k, 0], ways[k, 1] = np.cos(2 * np.pi * k / WAYS), np.sin(2 * np.pi * k / WAYS)
+    for p in range(count):
+        for i in range(start[p], start[p + 1]):
+            x, y, z = points[i, 0], points[i, 1], points[i, 2]
+            middle[p, 0] += x
+            middle[p, 1] += y
+            bins[p, min(_BINS - 1, max(0, int(z / _BIN)))] += 1
+            for k in range(WAYS):
+                reach[p, k] = max(reach[p, k], x * ways[k, 0] + y * ways[k, 1])
+    return middle, bins, reach
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _facts(  # noqa: C901  one compiled loop over patches and cells; splitting it would pass a dozen arrays around
     start: NDArray[np.int64],
     points: NDArray[np.float64],
     normals: NDArray[np.float64],
     owner: NDArray[np.int32],
     colour: NDArray[np.float64],
-    segments: int,
+    sums: tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float64]],
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """The fields of _Parts."""
-    count = np.zeros(segments, np.int64)
-    middle = np.zeros((segments, 2))
+    segments = len(owner)
+    count, middle = np.zeros(segments, np.int64), np.zeros((segments, 2))
     bins = np.zeros((segments, _BINS), np.int64)
-    reach = np.full((segments, WAYS), -np.inf)
-    mean = np.zeros((segments, 3))
-    ways = np.empty((WAYS, 2))
-    for k in range(WAYS):
-        ways[k, 0], ways[k, 1] = np.cos(2 * np.pi * k / WAYS), np.sin(2 * np.pi * k / WAYS)
+    reach, mean = np.full((segments, WAYS), -np.inf), np.zeros((segments, 3))
     for p in range(len(owner)):
         s = owner[p]
         size = start[p + 1] - start[p]
+        count[s] += size
         for a in range(3):
             mean[s, a] += size * colour[p, a]
-        for i in range(start[p], start[p + 1]):
-            x, y, z = points[i, 0], points[i, 1], points[i, 2]
-            count[s] += 1
-            middle[s, 0] += x
-            middle[s, 1] += y
-            bins[s, min(_BINS - 1, max(0, int(z / _BIN)))] += 1
-            for k in range(WAYS):
-                reach[s, k] = max(reach[s, k], x * ways[k, 0] + y * ways[k, 1])
+        for a in range(2):
+            middle[s, a] += sums[0][p, a]
+        for k in range(_BINS):
+            bins[s, k] += sums[1][p, k]
+        for k in range(WAYS):
+            reach[s, k] = max(reach[s, k], sums[2][p, k])
     high = np.zeros(segments)
     for s in range(segments):
         if count[s] == 0:
@@ -305,7 +328,7 @@ def _facts(  # noqa: C901  one compiled loop over cells; splitting it would pass
                 continue
             dx, dy = middle[s, 0] - points[i, 0], middle[s, 1] - points[i, 1]
             steep[s] += 1
-            inward[s] += (nx * dx + ny * dy) / max(np.hypot(dx, dy), 1e-6)
+            inward[s] += (nx * dx + ny * dy) / max(np.sqrt(dx * dx + dy * dy), 1e-6)
     hollow = np.full(segments, -1.0)
     for s in range(segments):
         if steep[s] > 20:
@@ -313,7 +336,7 @@ def _facts(  # noqa: C901  one compiled loop over cells; splitting it would pass
     return count, high, hollow, reach, mean
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _share_within(
     points: NDArray[np.float64],
     start: NDArray[np.int64],
@@ -342,7 +365,7 @@ def _share_within(
     return inside / max(count, 1)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _faces(
     row: NDArray[np.int64],
     column: NDArray[np.int64],
@@ -384,7 +407,7 @@ def _faces(
                     owner[k] = new
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _one_top(p: NDArray[np.float64], q: NDArray[np.float64]) -> bool:
     """True for two level patches (N, 3) of one height that share a straight edge."""
     if abs(np.median(p[:, 2]) - np.median(q[:, 2])) > SAME_HEIGHT / 2:
@@ -398,7 +421,7 @@ def _one_top(p: NDArray[np.float64], q: NDArray[np.float64]) -> bool:
     return False
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _edge(xyz: NDArray[np.float64], c: float, s: float) -> tuple[float, float]:
     """How far points (N, 3) reach toward (c, s), and how long the edge there is."""
     reach = -np.inf
@@ -412,7 +435,7 @@ def _edge(xyz: NDArray[np.float64], c: float, s: float) -> tuple[float, float]:
     return reach, high - low
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _nearer_between(
     row: NDArray[np.int64],
     column: NDArray[np.int64],
