@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from zsight_core.scene import Scene
     from zsight_core.wholes import Cells
 
-__all__ = ["Clues", "Hypothesis", "Piece", "Stand", "clues_of"]
+__all__ = ["NOTHING", "Clues", "Hypothesis", "Piece", "Stand", "clues_of"]
 
 LEVEL = float(np.cos(np.radians(14.0)))
 """A patch whose mean normal is this near to up is flat: a top that may carry things."""
@@ -182,6 +182,19 @@ class Clues:
         low, high = self.heights
         return [stand for stand in found if stand.base < high and stand.base + tall > low]
 
+
+NOTHING = Clues(
+    Bits(np.zeros((0, 3)), np.zeros(0), np.zeros(0, np.int8), np.zeros(0, np.int8)),
+    [],
+    [],
+    [],
+    [],
+    np.zeros((1, 1), np.float32),
+    (1.0, 1.0, 0.0, 0.0),
+    1e-3,
+    [],
+)
+"""The clues of a scene in which nothing is seen."""
 
 _known: WeakKeyDictionary[Scene, Clues] = WeakKeyDictionary()
 

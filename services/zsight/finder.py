@@ -119,10 +119,18 @@ def run(bus: Bus, settings: Settings) -> None:
     work = FindObject(bus, settings, catalogue)
     # Types can be told of before kernels are there.
     told = bus.writer(bus.cell.catalogue(settings.name), CatalogAnswer)
-    catalogue_server = serve_catalogue(bus, catalogue, own_folder, work.teach, told.send)
+    warm = threading.Event()
+
+    def tell(types: CatalogAnswer) -> None:
+        told.send(types)
+        if warm.is_set():  # before a goal asks for them
+            find_core.prepare(catalogue.models())
+
+    catalogue_server = serve_catalogue(bus, catalogue, own_folder, work.teach, tell)
     find_core.warm_up()
     scene_core.warm_up()
-    catalogue.models()
+    find_core.prepare(catalogue.models())
+    warm.set()
     work.start_reading()
     server = ActionServer(bus, settings.name, FindObjectGoal, work, settings)
     bus.ready()

@@ -17,6 +17,7 @@ from functools import cache
 from importlib import metadata
 from typing import TYPE_CHECKING, Any
 
+from zsight_core.clues import NOTHING
 from zsight_core.model import Box, Cylinder, Mesh, Shape, Sphere
 from zsight_core.recognise import box, cylinder, mesh, sphere
 from zsight_core.scene import go_on
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
     from zsight_core.clues import Clues, Hypothesis
     from zsight_core.scene import Checkpoint
 
-__all__ = ["GROUP", "hypotheses", "plugged", "turned"]
+__all__ = ["GROUP", "hypotheses", "plugged", "prepare", "turned"]
 
 log = logging.getLogger(__name__)
 
@@ -52,6 +53,13 @@ def hypotheses(shape: Shape, clues: Clues, checkpoint: Checkpoint = go_on) -> li
 def turned(shape: Shape, clues: Clues, found: Hypothesis) -> list[Hypothesis]:
     """How else the shape may rest where it was found; empty for shapes of which every part tells how they rest."""
     return mesh.turned(shape, clues, found) if isinstance(shape, Mesh) else []
+
+
+def prepare(shape: Shape) -> None:
+    """Work out beforehand what the ways to recognise a shape know of it before they see any scene."""
+    way = _WAYS.get(type(shape))
+    if way:
+        way(shape, NOTHING, go_on)
 
 
 @cache
