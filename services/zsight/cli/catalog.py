@@ -18,7 +18,8 @@ from zsight.cli.options import (
     network_of,
     refuse_options,
 )
-from zsight.cli.output import numbers, print_json, print_table, say
+from zsight.cli.output import print_json, print_table, say
+from zsight.words import numbers
 
 if TYPE_CHECKING:
     from zsight.client import CellClient

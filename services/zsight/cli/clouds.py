@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from zsight.cli.options import CameraPose, Connect, Force, Intrinsics, Json, Namespace, Out, Picture, network_of
-from zsight.cli.output import number, numbers, print_json, print_table, say
+from zsight.cli.output import print_json, print_table, say
 from zsight.errors import DeadlinePassed, UsageError
+from zsight.words import number, numbers
 
 if TYPE_CHECKING:
     from zsight_core.points import Points

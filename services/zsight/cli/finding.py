@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from zsight.cli.options import CameraPose, Connect, Intrinsics, Json, Namespace, Picture, network_of, refuse_options
-from zsight.cli.output import numbers, print_json, say
+from zsight.cli.output import print_json, say
 from zsight.errors import DeadlinePassed, UsageError
+from zsight.words import numbers
 
 if TYPE_CHECKING:
     from zsight.merging import MergedAnswer, MergedObject

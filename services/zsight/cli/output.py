@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-__all__ = ["number", "numbers", "print_json", "print_table", "say"]
+__all__ = ["print_json", "print_table", "say"]
 
 _NARROWEST = 20  # columns; a last column with less room is not folded
 
@@ -39,17 +39,6 @@ def say(words: str) -> None:
     """A line for people, on stderr."""
     sys.stderr.write(words + "\n")
     sys.stderr.flush()
-
-
-def number(value: float, digits: int = 4) -> str:
-    """A number with so many decimals, and zero without a sign."""
-    text = f"{value:.{digits}f}"
-    return text.removeprefix("-") if float(text) == 0 else text
-
-
-def numbers(values: Iterable[float], digits: int = 4) -> str:
-    """Numbers in parentheses, as coordinates are written."""
-    return "(" + ", ".join(number(value, digits) for value in values) + ")"
 
 
 def print_table(headings: Sequence[str], rows: Iterable[Sequence[object]]) -> None:

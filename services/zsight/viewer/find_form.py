@@ -11,6 +11,7 @@ from zsight.client import CellClient, FindOptions, answer_of
 from zsight.errors import ZsightError
 from zsight.viewer.goals import outcome
 from zsight.viewer.server import set_value
+from zsight.words import numbers
 from zsight_protocol.find_object import Capture
 
 if TYPE_CHECKING:
@@ -123,8 +124,8 @@ def _describe(result: FindObjectResult) -> str:
         p, q = found.pose.position, found.pose.orientation
         lines += [
             (
-                f"position ({p.x:.4f}, {p.y:.4f}, {p.z:.4f}) m in {result.header.frame_id}, "
-                f"orientation ({q.x:.4f}, {q.y:.4f}, {q.z:.4f}, {q.w:.4f}), {found.visible_fraction:.0%} visible"
+                f"position {numbers((p.x, p.y, p.z))} m in {result.header.frame_id}, "
+                f"orientation {numbers((q.x, q.y, q.z, q.w))}, {found.visible_fraction:.0%} visible"
             ),
             "",
         ]

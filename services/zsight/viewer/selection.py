@@ -9,6 +9,7 @@ from viser import Icon
 
 from zsight.convert import matrix_of
 from zsight.viewer.frames import place
+from zsight.words import numbers
 from zsight_protocol.channels import Delivery
 from zsight_protocol.geometry import Plane
 from zsight_protocol.point_cloud import PointCloud2
@@ -146,7 +147,7 @@ def _describe(plane: Plane, patch: Patch | None) -> str:
     return (
         f"{selected}**{plane.inliers:,} lie in their plane**\n\n"
         "| | |\n|---|---|\n"
-        f"| normal | ({n.x:.4f}, {n.y:.4f}, {n.z:.4f}) |\n"
+        f"| normal | {numbers((n.x, n.y, n.z))} |\n"
         f"| distance | {plane.distance:.4f} m |\n"
         f"| tolerance | {plane.tolerance * 1e3:.1f} mm |\n"
         f"| rms | {plane.rms * 1e3:.2f} mm |\n"
