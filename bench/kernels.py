@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # before Open3D is loaded: one thread each
 
-ICP = "ten ICP steps by small_gicp"
+ICP = "three ICP steps by small_gicp"
 
 STREAMING = (
     "voxel grid 0.02",
@@ -125,7 +125,7 @@ def registration_row(cloud: BenchCloud, budget: float) -> dict[str, Any]:
 
     one, other = registrations(cloud.points)
     mine, theirs = pairs(one, lambda: timed(other), budget)
-    return compared(f"{ICP}, {cloud.name}", mine, "Open3D", theirs, 1.0)
+    return compared(f"{ICP}, {cloud.name}", mine, "Open3D", theirs, None)
 
 
 def tasks(cloud: BenchCloud, scratch: Path) -> list[Task]:
@@ -240,7 +240,7 @@ def pairs(ours: Callable[[], object], peer: Callable[[], float], budget: float) 
     return mine, theirs
 
 
-def compared(name: str, mine: list[float], peer: str, theirs: list[float], target: float) -> dict[str, Any]:
+def compared(name: str, mine: list[float], peer: str, theirs: list[float], target: float | None) -> dict[str, Any]:
     ratios = np.array(theirs) / np.array(mine)
     ratio = float(np.median(ratios))
     return {
@@ -253,7 +253,7 @@ def compared(name: str, mine: list[float], peer: str, theirs: list[float], targe
         "spread": [round(float(edge), 2) for edge in np.percentile(ratios, [10, 90])],
         "pairs": len(mine),
         "target": target,
-        "holds": ratio >= target,
+        "holds": None if target is None else ratio >= target,
     }
 
 

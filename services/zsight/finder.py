@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from pydantic import Field, JsonValue
 
-from zsight import finding, object_catalogue, teaching
+from zsight import finding, object_catalogue
 from zsight.action_server import ActionServer
 from zsight.catalogue_server import serve_catalogue
 from zsight.clocks import ask_clocks
@@ -223,6 +223,8 @@ class FindObject:
         T_frame_camera = self._buffer.lookup(frame, cloud.header.frame_id, cloud.header.stamp.ns)
         scene = self._scenes.of(cloud, T_world_camera=self._gravity(cloud), limits=self._settings.limits())
         header = Header(stamp=cloud.header.stamp, frame_id=frame)
+        from zsight import teaching  # draws pictures, which nothing else here needs: half of what the finder imports
+
         kind, taught = teaching.teach(name, asked, points_of(cloud), scene, header, T_frame_camera)
         return CatalogAnswer(ok=True, types=(kind,), taught=taught)
 
