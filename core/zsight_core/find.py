@@ -198,7 +198,7 @@ def find(
 
 
 def prepare(models: Sequence[ObjectModel]) -> None:
-    """Work out what is known of types before any scene; bits of a mesh take a tenth of a second, which no search has to.
+    """Work out what is known of types before any scene: bits of a mesh take a tenth of a second, which no search has.
 
     Args:
         models: types that will be asked for, or that will be rivals.
