@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.core import book_scene as book
 
-from zsight_core import find as finder
 from zsight_core.claims import Claim, claimed, consistent, contradict
-from zsight_core.model import Box, ObjectModel
-from zsight_core.simulation.kinect import Kinect
+from zsight_core.model import Box
 from zsight_core.solid import solid_of
 from zsight_core.transform import from_rpy
 
@@ -83,13 +80,3 @@ def test_beyond_the_image_nothing_is_claimed() -> None:
     depth = np.ones((60, 80), np.float32)
     for T in (from_rpy((3.0, 0.0, 1.0), (0, 0, 0)), from_rpy((0.0, 0.0, -1.0), (0, 0, 0))):
         assert len(claimed(depth, (400.0, 400.0, 40.0, 30.0), CUBE.vertices, CUBE.faces, T, 1e-3)) == 0
-
-
-def test_two_cubes_side_by_side_are_no_domino() -> None:
-    """Together they are as long and as wide as one, and explain its side."""
-    cube = ObjectModel("cube", Box((0.05, 0.05, 0.05)))
-    bar = ObjectModel("bar", Box((0.1, 0.05, 0.02)))
-    z = book.TABLE_HEIGHT + 0.025
-    points = book.cloud((cube, book.at(0.6, -0.325, z)), (cube, book.at(0.6, -0.2745, z)), noise=Kinect(), seed=3)
-    answer = finder.find(points, [cube, bar], T_world_camera=book.T_WORLD_CAMERA, rivals=[cube, bar])
-    assert [detection.type for detection in answer.detections] == ["cube", "cube"]
