@@ -72,6 +72,7 @@ class Clouds:
         self._shown: dict[tuple[CloudKind, str], Shown] = {}
         self._unplaced: dict[str, str] = {}
         self._arrived: dict[str, float] = {}
+        self._planes_hidden = False
         self._lock = threading.RLock()
         gui = server.gui
         self._wish = gui.add_dropdown("Colour by", tuple(Colouring), hint="Height where a cloud has nothing else")
@@ -118,6 +119,12 @@ class Clouds:
         now = time.monotonic()
         return {camera: now - arrived for camera, arrived in sorted(self._arrived.items())}
 
+    def hide_planes(self, hidden: bool) -> None:
+        """Leave out the points of planes, or draw them again, while something else has their colours."""
+        if hidden != self._planes_hidden:
+            self._planes_hidden = hidden
+            self.redraw()
+
     def clear_planes(self) -> None:
         """Forget the points of planes."""
         with self._lock:
@@ -162,7 +169,7 @@ class Clouds:
                 self._draw(kind, camera, cloud)
 
     def _draw(self, kind: CloudKind, camera: str, cloud: PointCloud2) -> None:
-        if not self._boxes[kind].value:
+        if not self._boxes[kind].value or (self._planes_hidden and kind.colour is not None):
             self._remove(kind, camera)
             return
         T = self._frames.T_fixed(cloud.header.frame_id, cloud.header.stamp.ns)

@@ -41,21 +41,11 @@ class Preview:
 
     def show(self, service: str, settings: Mapping[str, Any]) -> None:
         """Show what the stage of a service makes of the held cloud with these settings."""
-        self.clear()
-        stage = STAGES.get(service)
-        if stage is None:
-            self._words.content = f"No setting of a {service} changes a point." if service else ""
-            return
         shown = next((shown for shown in self._clouds.shown() if shown.camera == settings.get("camera")), None)
-        if shown is None:
-            self._words.content = f"No cloud of {settings.get('camera')} is on the screen to try it on."
-            return
-        try:
-            result = stage(self._seen(shown), settings)
-        except CoreError as error:
-            result = f"**nothing comes out**: {error}"
-        if isinstance(result, str):
-            self._words.content = result
+        result = self._made(service, settings, shown)
+        if shown is None or isinstance(result, str):
+            self.clear()
+            self._words.content = str(result)
             return
         self._words.content = f"On the frozen cloud: {result.words}."
         self._legend.content = _legend(result)
@@ -64,8 +54,21 @@ class Preview:
     def clear(self) -> None:
         """Show nothing."""
         self._words.content = self._legend.content = ""
+        self._clouds.hide_planes(False)
         for node in _NODES:
             self._server.scene.remove_by_name(node)
+
+    def _made(self, service: str, settings: Mapping[str, Any], shown: Shown | None) -> StageResult | str:
+        """What the stage makes of a cloud; words where there is none, or nothing comes out."""
+        stage = STAGES.get(service)
+        if stage is None:
+            return f"No setting of a {service} changes a point." if service else ""
+        if shown is None:
+            return f"No cloud of {settings.get('camera')} is on the screen to try it on."
+        try:
+            return stage(self._seen(shown), settings)
+        except CoreError as error:
+            return f"**nothing comes out**: {error}"
 
     def _seen(self, shown: Shown) -> Seen:
         patch = self._selection.last
@@ -74,6 +77,7 @@ class Preview:
         return Seen(points_of(shown.cloud), own, self._frames.T_world(header.frame_id, header.stamp.ns))
 
     def _draw(self, shown: Shown, result: StageResult) -> None:
+        self._clouds.hide_planes(True)  # they have the colours of the fates
         step = -(-len(result.xyz) // self._budget) or 1
         finite = np.isfinite(result.xyz).all(axis=1)
         self._server.scene.add_point_cloud(
@@ -86,6 +90,7 @@ class Preview:
             precision="float32",
             **place(shown.T_fixed_cloud),
         )
+        self._server.scene.remove_by_name(_NODES[1])
         if len(result.edges):
             self._server.scene.add_line_segments(
                 _NODES[1], result.edges, _EDGES, thickness=2.0, thickness_units="screen", **place(shown.T_fixed_cloud)

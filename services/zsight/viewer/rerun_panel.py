@@ -110,7 +110,7 @@ def table_of(rows: list[dict[str, Any]]) -> str:
     """A row of HTML for each goal: what was found before and after, and how they differ; what is worse is marked."""
     if not rows:
         return ""
-    head = "".join(f"<th>{name}</th>" for name in ("goal", "before", "after", "mm", "deg", "score", "things"))
+    head = "".join(f"<th>{name}</th>" for name in ("goal", "before", "after", "change"))
     body = "".join(_row(row) for row in rows[:_ROWS])
     more = f"<p class='zs'>and {len(rows) - _ROWS} more</p>" if len(rows) > _ROWS else ""
     return f"<table class='zs'><tr>{head}</tr>{body}</table>{more}"
@@ -119,10 +119,16 @@ def table_of(rows: list[dict[str, Any]]) -> str:
 def _row(row: dict[str, Any]) -> str:
     before = f"{row['then'].replace('_', ' ')} {row.get('found_then', '')}"
     after = f"{row['now'].replace('_', ' ')} {row.get('found_now', '')}"
-    moved, turned = (f"{row[name]:.1f}" if name in row else "" for name in ("moved_mm", "turned_deg"))
-    score = f"{row['score_change']:+.2f}" if "score_change" in row else ""
-    things = " to ".join(str(row[name]) for name in ("segments_then", "segments_now") if row.get(name) is not None)
     mark = "&#9888; " if row["regression"] else ("&#8226; " if _differs(row) else "")
-    hint = escape(row["regression"], quote=True)
-    cells = (mark + escape(row["object_type"]), escape(before), escape(after), moved, turned, score, things)
-    return f"<tr title='{hint}'>" + "".join(f"<td>{cell}</td>" for cell in cells) + "</tr>"
+    cells = (mark + escape(row["object_type"]), escape(before), escape(after), escape(_change(row)))
+    return "<tr>" + "".join(f"<td>{cell}</td>" for cell in cells) + "</tr>"
+
+
+def _change(row: dict[str, Any]) -> str:
+    """What is worse in words, else how little has changed; and how many things were seen."""
+    words = [row["regression"]] if row["regression"] else []
+    if not words and "moved_mm" in row:
+        words = [f"{row['moved_mm']:.1f} mm", f"{row['turned_deg']:.1f} deg", f"score {row['score_change']:+.2f}"]
+    if row.get("segments_then") != row.get("segments_now"):
+        words.append(f"{row.get('segments_then')} things, now {row.get('segments_now')}")
+    return ", ".join(words)
