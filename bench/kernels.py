@@ -107,16 +107,15 @@ def measurements(budget: float, only: str) -> Iterator[dict[str, Any]]:
     yield from [] if only else limit_rows()
 
 
-def peer_rows(chosen: list[Task], cloud: BenchCloud, budget: float) -> list[dict[str, Any]]:
+def peer_rows(chosen: list[Task], cloud: BenchCloud, budget: float) -> Iterator[dict[str, Any]]:
     """Open3D and small_gicp beside ours; they aim at other things, so there is no target but not to be slower."""
     from kernel_peers import peers
 
-    rows, others = [], peers(cloud.points)
+    others = peers(cloud.points)
     for task in chosen:
         for name, call in others.get(task.name, []):
             mine, theirs = pairs(task.ours, lambda call=call: timed(call), budget / 2)
-            rows.append(compared(f"{task.name}, {cloud.name}", mine, name, theirs, 1.0))
-    return rows
+            yield compared(f"{task.name}, {cloud.name}", mine, name, theirs, 1.0)
 
 
 def registration_row(cloud: BenchCloud, budget: float) -> dict[str, Any]:

@@ -299,7 +299,9 @@ def _sample(words: NDArray[np.float32], layout: Layout, seed: int, size: int) ->
     for k in range(len(sample)):
         low, high = k * count // len(sample), (k + 1) * count // len(sample)
         for attempt in range(4):
-            i = low + _random((seed + 1) * 0x100000 + 4 * k + attempt) % (high - low)
+            i = low  # of one point there is nothing to choose
+            if high - low > 1:
+                i += _random((seed + 1) * 0x100000 + 4 * k + attempt) % (high - low)
             x, y, z = words[step * i + at_x], words[step * i + at_y], words[step * i + at_z]
             if math.isfinite(x) and math.isfinite(y) and math.isfinite(z):
                 sample[used, 0], sample[used, 1], sample[used, 2] = x, y, z
@@ -402,12 +404,10 @@ def _heights(words: NDArray[np.float32], layout: Layout, plane: NDArray[np.float
 def _near(
     words: NDArray[np.float32], layout: Layout, plane: NDArray[np.float64], limit: Any, out: NDArray[np.bool_]
 ) -> None:
-    tile, above, near = new_tile(), np.empty(TILE, np.float32), np.empty(TILE, np.bool_)
+    tile, near = new_tile(), np.empty(TILE, np.bool_)
     for start in range(0, len(out), TILE):
         load_tile(words, layout, -1, start, tile)
-        _tile_heights(tile, plane, above)
-        for i in range(TILE):
-            near[i] = abs(above[i]) <= limit
+        _mark_near(tile, plane, limit, near)
         rest = out[start : start + TILE]
         rest[:] = near[: len(rest)]
 
@@ -422,13 +422,11 @@ def _take_near(
     out: NDArray[np.complex128],
 ) -> int:
     """Copy the points near the plane; returns how many they are."""
-    tile, above, near = new_tile(), np.empty(TILE, np.float32), np.empty(TILE, np.uint8)
+    tile, near = new_tile(), np.empty(TILE, np.uint8)
     used, count = 0, len(words) // layout[0]
     for start in range(0, count, TILE):
         load_tile(words, layout, -1, start, tile)
-        _tile_heights(tile, plane, above)
-        for i in range(TILE):
-            near[i] = abs(above[i]) <= limit
+        _mark_near(tile, plane, limit, near)
         used = append_marked(units, start, near[: min(TILE, count - start)], out, used)
     return used
 
@@ -438,6 +436,15 @@ def _tile_heights(tile: NDArray[np.float32], plane: NDArray[np.float64], above: 
     nx, ny, nz, d = np.float32(plane[0]), np.float32(plane[1]), np.float32(plane[2]), np.float32(plane[3])
     for i in range(TILE):
         above[i] = nx * tile[0, i] + ny * tile[1, i] + nz * tile[2, i] - d
+
+
+@njit(cache=True, nogil=True)
+def _mark_near(tile: NDArray[np.float32], plane: NDArray[np.float64], limit: Any, near: NDArray[Any]) -> None:
+    """True or 1 for each point of a tile that lies within the limit of the plane."""
+    nx, ny, nz, d = np.float32(plane[0]), np.float32(plane[1]), np.float32(plane[2]), np.float32(plane[3])
+    x, y, z = tile[0], tile[1], tile[2]
+    for i in range(TILE):
+        near[i] = abs(nx * x[i] + ny * y[i] + nz * z[i] - d) <= limit
 
 
 def warm_up() -> None:

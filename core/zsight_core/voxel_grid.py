@@ -110,7 +110,7 @@ def _fineness_of_reach(cloud: Words, edges: NDArray[np.float32], leaf: float | t
     """The finest at which the places of all points are within `_ROOM`."""
     rows = cloud.words.reshape(-1, cloud.layout[0])[:, list(cloud.layout[1:])]
     finite = rows[np.isfinite(rows).all(axis=1)].astype(np.float64)
-    farthest = float((np.abs(finite) / edges).sum(axis=1).max()) + 3
+    farthest = float((np.abs(finite) / edges).sum(axis=1).max(initial=0.0)) + 3
     if farthest >= _REACH:
         raise GeometryError(
             f"leaf {leaf} m is too small for coordinates up to {np.abs(finite).max():g} m: at most 2^20 voxels from "

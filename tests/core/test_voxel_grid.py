@@ -63,6 +63,19 @@ def test_a_wide_cloud_is_sorted_instead_of_mapped() -> None:
     assert_array_equal(colours(voxels)[0], colour)
 
 
+def test_a_point_with_a_hole_and_a_far_coordinate_is_a_hole() -> None:
+    xyz = np.array([[np.nan, 1e9, 0], [0, np.inf, -1e9], [0.51, 0.5, 0.5]])
+    assert voxel_grid(from_xyz(xyz[:2]), 0.01).size == 0
+    assert_allclose(coordinates(voxel_grid(from_xyz(xyz), 0.01)), [[0.51, 0.5, 0.5]], atol=2e-6)
+
+
+def test_a_far_point_leaves_near_ones_where_they_are() -> None:
+    near = np.random.default_rng(5).uniform(-1, 1, (500, 3)).astype(np.float32)
+    xyz = np.concatenate([near, [[400.0, 0, 0]]]).astype(np.float32)  # 20,000 voxels off
+    means, _ = reference(xyz, np.zeros((501, 3), np.uint8), 0.02)
+    assert_allclose(coordinates(voxel_grid(from_xyz(xyz), 0.02)), means, atol=2e-6 + 400 * 2**-24)
+
+
 def test_room_that_is_given_is_used() -> None:
     cloud, room = random_cloud(), np.empty((1, 960), random_cloud().dtype)
     voxels = voxel_grid(cloud, 0.2, room)
