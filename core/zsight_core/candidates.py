@@ -159,7 +159,10 @@ class Candidates:
         """All candidates of a type; in a scene each type is looked for once."""
         known = self._known.get(id(model.shape))
         if known is None:
-            known = self._known[id(model.shape)] = _Known(model.shape, *self.among(model, self.clues))
+            tried, kept, counts = self.among(model, self.clues)
+            settled = [self._settled(model.shape, solid_of(model.shape), candidate, tried) for candidate in kept]
+            trials = Trials(tried, [best for best, _ in settled], [alike for _, alike in settled])
+            known = self._known[id(model.shape)] = _Known(model.shape, trials, counts)
         return known.trials, known.counts
 
     def claim(self, model: ObjectModel, candidate: Candidate) -> Claim:
@@ -179,8 +182,8 @@ class Candidates:
         clues: Clues,
         fewest: float = 0.0,
         suits: Callable[[Hypothesis], bool] = lambda _: True,
-    ) -> tuple[Trials, Counts]:
-        """Candidates of a type that follow from some clues.
+    ) -> tuple[list[Candidate], list[Candidate], Counts]:
+        """Candidates of a type that follow from some clues: all that were fitted well, and the best of each place.
 
         Args:
             model: the type.
@@ -197,8 +200,7 @@ class Candidates:
         chosen = _best_few_of_each_place(rough, min(size_of(model.shape)))
         tried = self._fitted(solid, chosen, pixels=900, steps=8, look=4000)
         kept = self._polished(solid, _one_a_place(tried, solid_of(model.shape, coarse=True)))
-        settled = [self._settled(model.shape, solid, candidate, tried) for candidate in kept]
-        return Trials(tried, [s[0] for s in settled], [s[1] for s in settled]), Counts(len(guesses), len(best))
+        return tried, kept, Counts(len(guesses), len(best))
 
     def _polished(self, solid: Solid, candidates: list[Candidate]) -> list[Candidate]:
         """Fitted once more: the first fit may have come from too far for its finest steps to catch every face."""

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
+from numba import njit
 
 from zsight_core.bits import Bits, bits_of
 from zsight_core.transform import inverse
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
     from zsight_core.scene import Scene
     from zsight_core.wholes import Cells
 
-__all__ = ["NOTHING", "Clues", "Hypothesis", "Piece", "Stand", "clues_of"]
+__all__ = ["NOTHING", "Clues", "Hypothesis", "Piece", "Stand", "clues_of", "warm_up"]
 
 LEVEL = float(np.cos(np.radians(14.0)))
 """A patch whose mean normal is this near to up is flat: a top that may carry things."""
@@ -173,11 +174,12 @@ class Clues:
 
     def stands(self, tall: float) -> list[Stand]:
         """Where something this tall may stand: surfaces, level tops, and its own height below what is seen."""
-        found = [*self.surfaces, *self.carriers]
+        seen = [*self.surfaces, *self.carriers]
+        found = seen.copy()
         if tall >= LOWEST_UNSEEN:
-            for top in self.crests:
+            for top in self.crests:  # none of which is near another one
                 base = top.height - tall
-                if base > UNSEEN and not any(abs(base - s.base) < ONE_HEIGHT and top.overlaps(s) for s in found):
+                if base > UNSEEN and not any(abs(base - s.base) < ONE_HEIGHT and top.overlaps(s) for s in seen):
                     found.append(Stand(base, top.low, top.high, top.support, seen=False))
         low, high = self.heights
         return [stand for stand in found if stand.base < high and stand.base + tall > low]
@@ -213,12 +215,12 @@ def _collect(scene: Scene) -> Clues:
     z = depth[cells.row, cells.column].astype(np.float64)
     grid = np.full(scene.patches.label.shape, -1, np.int32)
     grid[cells.row, cells.column] = np.arange(len(cells.row), dtype=np.int32)
-    T_optical_cloud = inverse(view.T_cloud_optical)
+    T_optical_cloud, tops = inverse(view.T_cloud_optical), _tops(cells)
     return Clues(
         bits=bits_of(cells, grid, depth, HEIGHT_GATE + 2.5 * scene.noise * z * z),
         surfaces=[_occupied(cells, k) for k in range(len(scene.supports)) if (cells.support == k).any()],
-        carriers=[Stand(*top, seen=True) for top in _tops(cells) if _carries(cells, top)],
-        crests=_crests(cells),
+        carriers=[Stand(*top, seen=True) for top, level in tops if level and _carries(cells, top)],
+        crests=_each_once([top for top, _ in tops]),
         segments=_segments(cells, scene.owner),
         depth=view.depth,
         pinhole=view.pinhole,
@@ -227,42 +229,47 @@ def _collect(scene: Scene) -> Clues:
     )
 
 
-def _patches(cells: Cells) -> list[slice]:
-    """Cells of each patch."""
-    return [slice(cells.start[k], cells.start[k + 1]) for k in range(len(cells.start) - 1)]
+def _tops(cells: Cells) -> list[tuple[Top, bool]]:
+    """Where each large patch reaches its height, and whether it is level."""
+    facts = _facts(cells.start, cells.points, cells.normals)
+    return [
+        (Top(float(height), corners[:2], corners[2:], int(cells.support[first])), bool(level))
+        for height, level, corners, first in zip(facts[:, 0], facts[:, 1], facts[:, 2:], cells.start, strict=False)
+        if height > -np.inf
+    ]
 
 
-def _is_level(cells: Cells, patch: slice) -> bool:
-    normal = cells.normals[patch].sum(axis=0)
-    return bool(normal[2] > LEVEL * max(float(np.linalg.norm(normal)), 1e-9))
-
-
-def _tops(cells: Cells) -> list[Top]:
-    """Level patches that are large and high enough to carry something."""
-    tops = [_top(cells, patch, 0.5) for patch in _patches(cells) if _is_large(patch) and _is_level(cells, patch)]
-    return [top for top in tops if top.height > LOWEST_CARRIER]
-
-
-def _crests(cells: Cells) -> list[Top]:
-    """Where large patches reach their height, each place once."""
+def _each_once(tops: list[Top]) -> list[Top]:
+    """Those that repeat no earlier one."""
     crests: list[Top] = []
-    for patch in _patches(cells):
-        if _is_large(patch):
-            crest = _top(cells, patch, 0.5 if _is_level(cells, patch) else 0.95)
-            if not any(abs(crest.height - other.height) < ONE_HEIGHT and crest.overlaps(other) for other in crests):
-                crests.append(crest)
+    for top in tops:
+        if not any(abs(top.height - other.height) < ONE_HEIGHT and top.overlaps(other) for other in crests):
+            crests.append(top)
     return crests
 
 
-def _is_large(patch: slice) -> bool:
-    return bool(patch.stop - patch.start >= SMALLEST_TOP)
-
-
-def _top(cells: Cells, patch: slice, share: float) -> Top:
-    """Where a patch is, with the height that this share of its cells does not exceed."""
-    points = cells.points[patch]
-    height = float(np.sort(points[:, 2])[int(share * (len(points) - 1))])
-    return Top(height, points[:, :2].min(axis=0), points[:, :2].max(axis=0), int(cells.support[patch][0]))
+@njit(cache=True, nogil=True, error_model="numpy")
+def _facts(start: NDArray[np.int64], points: NDArray[np.float64], normals: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Height, whether it is level, low and high corner x y (K, 6) of each patch; -inf for the height of small ones."""
+    facts = np.zeros((len(start) - 1, 6))
+    for p in range(len(start) - 1):
+        size = start[p + 1] - start[p]
+        facts[p, 0] = -np.inf
+        if size < SMALLEST_TOP:
+            continue
+        facts[p, 2:4], facts[p, 4:6] = np.inf, -np.inf
+        up = np.zeros(3)
+        for i in range(start[p], start[p + 1]):
+            for a in range(3):
+                up[a] += normals[i, a]
+            for a in range(2):
+                facts[p, 2 + a] = min(facts[p, 2 + a], points[i, a])
+                facts[p, 4 + a] = max(facts[p, 4 + a], points[i, a])
+        is_level = up[2] > LEVEL * max(np.sqrt((up * up).sum()), 1e-9)
+        heights = np.sort(points[start[p] : start[p + 1], 2])
+        facts[p, 0] = heights[int((0.5 if is_level else 0.95) * (size - 1))]
+        facts[p, 1] = 1.0 if is_level else 0.0
+    return facts
 
 
 def _occupied(cells: Cells, support: int) -> Stand:
@@ -272,11 +279,36 @@ def _occupied(cells: Cells, support: int) -> Stand:
 
 
 def _carries(cells: Cells, top: Top) -> bool:
-    """True where enough is seen above a top to be something."""
-    xy = cells.points[:, :2]
-    above = (cells.support == top.support) & (cells.points[:, 2] > top.height + ONE_HEIGHT)
-    above &= ((xy > top.low - AROUND) & (xy < top.high + AROUND)).all(axis=1)
-    return int(above.sum()) >= SMALLEST_TOP
+    """True where it is high enough to carry something, and enough is seen above it to be something."""
+    if top.height <= LOWEST_CARRIER:
+        return False
+    low, high = top.low - AROUND, top.high + AROUND
+    return _above(cells.points, cells.support, top.support, top.height + ONE_HEIGHT, low, high) >= SMALLEST_TOP
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _above(
+    points: NDArray[np.float64],
+    over: NDArray[np.int8],
+    support: int,
+    height: float,
+    low: NDArray[np.float64],
+    high: NDArray[np.float64],
+) -> int:
+    """Points (N, 3) over a support that are above a height and between two corners (2,)."""
+    count = 0
+    for i in range(len(points)):
+        if over[i] == support and points[i, 2] > height:
+            x, y = points[i, 0], points[i, 1]
+            count += 1 if low[0] < x < high[0] and low[1] < y < high[1] else 0
+    return count
+
+
+def warm_up() -> None:
+    """Compile the kernels (or load them from their cache)."""
+    point, corner = np.zeros((1, 3)), np.zeros(2)
+    _facts(np.array([0, 1]), point, point)
+    _above(point, np.zeros(1, np.int8), 0, 0.0, corner, corner)
 
 
 def _segments(cells: Cells, owner: NDArray[np.int32]) -> list[Piece]:

@@ -13,7 +13,20 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from zsight_core import bits, candidates, claims, contest, contour, peek, recognise, refine, render, verify
+from zsight_core import (
+    bits,
+    candidates,
+    claims,
+    clues,
+    contest,
+    contour,
+    overlap,
+    peek,
+    recognise,
+    refine,
+    render,
+    verify,
+)
 from zsight_core import scene as scene_stage
 from zsight_core.candidates import DOUBTFUL, Candidate, Candidates, Trials, near, net, rank_of
 from zsight_core.claims import Claim, consistent, contradict
@@ -198,7 +211,7 @@ def find(
 
 
 def prepare(models: Sequence[ObjectModel]) -> None:
-    """Work out what is known of types before any scene: bits of a mesh take a tenth of a second, which no search has.
+    """Work out what is known of types before any scene, so that no search waits for it.
 
     Args:
         models: types that will be asked for, or that will be rivals.
@@ -216,7 +229,7 @@ def prepare(models: Sequence[ObjectModel]) -> None:
 def warm_up() -> None:
     """Compile all kernels of the finder (or load them from their cache)."""
     scene_stage.warm_up()
-    for module in (render, contour, refine, verify, bits, votes, peek, contest, claims, candidates):
+    for module in (clues, overlap, render, contour, refine, verify, bits, votes, peek, contest, claims, candidates):
         module.warm_up()
     import scipy.spatial  # noqa: F401  it takes a tenth of a second, which the first query should not wait for
 
@@ -415,13 +428,13 @@ class _Search:
         less, more = sorted((radius(solid), radius(solid_of(rival.shape, coarse=True))))
         apart = more + FARTHEST_SHARING * less + GUESSED_WITHIN
         heights = (float(z.min()) - GUESSED_WITHIN, float(z.max()) + GUESSED_WITHIN)
-        clues = self.clues.near(T[:2, 3], less + more, apart, there.support, heights)
+        around = self.clues.near(T[:2, 3], less + more, apart, there.support, heights)
 
         def suits(guess: Hypothesis) -> bool:
             T_a, T_b = (self.clues.frames[h.support] @ h.T_support_model for h in (there, guess))
             return shared(solid, T_a, solid_of(rival.shape, coarse=True), T_b) > GUESSED_SHARED
 
-        return self.candidates.among(rival, clues, candidate.probability * net(candidate), suits)[0].kept
+        return self.candidates.among(rival, around, candidate.probability * net(candidate), suits)[1]
 
     def _in_cloud(self, hypothesis: Hypothesis) -> NDArray[np.float64]:
         T: NDArray[np.float64] = self.scene.supports[hypothesis.support].T_camera_support @ hypothesis.T_support_model

@@ -6,6 +6,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from numba import njit
 
 from zsight_core.transform import inverse
 
@@ -14,7 +15,7 @@ if TYPE_CHECKING:
 
     from zsight_core.solid import Solid
 
-__all__ = ["hull_area", "radius", "shared"]
+__all__ = ["hull_area", "radius", "shared", "warm_up"]
 
 GRID = 6
 """Points along each side of the box around a solid at which its inside is sampled."""
@@ -45,7 +46,9 @@ def shared(a: Solid, T_a: NDArray[np.float64], b: Solid, T_b: NDArray[np.float64
     if gap @ gap > (hull_a.radius + hull_b.radius) ** 2:
         return 0.0
     T_b_a = inverse(T_b) @ T_a
-    return max(_share_inside(hull_a, hull_b, T_b_a), _share_inside(hull_b, hull_a, inverse(T_b_a)))
+    return max(
+        _share_inside(hull_a.inside, hull_b.sides, T_b_a), _share_inside(hull_b.inside, hull_a.sides, inverse(T_b_a))
+    )
 
 
 def hull_area(solid: Solid) -> float:
@@ -58,9 +61,27 @@ def radius(solid: Solid) -> float:
     return _hull(solid).radius
 
 
-def _share_inside(one: _Hull, other: _Hull, T_other_one: NDArray[np.float64]) -> float:
-    points = one.inside @ T_other_one[:3, :3].T + T_other_one[:3, 3]
-    return float((points @ other.sides[:, :3].T + other.sides[:, 3] <= 0).all(axis=1).mean())
+@njit(cache=True, nogil=True, error_model="numpy")
+def _share_inside(points: NDArray[np.float64], sides: NDArray[np.float64], T: NDArray[np.float64]) -> float:
+    """Share of points (N, 3), moved by T (4, 4), that are inside of all sides (F, 4)."""
+    inside = 0
+    for i in range(len(points)):
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        px = T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3]
+        py = T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3]
+        pz = T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3]
+        out = False
+        for f in range(len(sides)):
+            if sides[f, 0] * px + sides[f, 1] * py + sides[f, 2] * pz + sides[f, 3] > 0:
+                out = True
+                break
+        inside += 0 if out else 1
+    return inside / max(len(points), 1)
+
+
+def warm_up() -> None:
+    """Compile the kernel (or load it from its cache)."""
+    _share_inside(np.zeros((1, 3)), np.zeros((1, 4)), np.eye(4))
 
 
 @lru_cache(maxsize=64)
