@@ -96,10 +96,6 @@ EXPLAINED = 15.0
 TURNED_BEHIND = 40.0
 """Pixels by which a rough fit of another way to rest may be behind and still be fitted well."""
 
-WORSE = 1.5
-"""Logarithm of odds by which a way to rest that explains more, or as much, may fit worse: what it explains besides may
-be of a neighbour."""
-
 WELL_TURNED = 10
 """Other ways to rest at a place that are well fitted at most."""
 
@@ -230,12 +226,11 @@ class Candidates:
         others = [other for other in others if other.probability > DOUBTFUL]
         best = found
         for other in others:
-            if other.logit > best.logit - WORSE and self._lead(solid, other, best) > TELLING:
+            if self._lead(solid, other, best) > TELLING:
                 best = other
         if best is not found:
             best = self._polished(solid, [best])[0]
-        equal = [other for other in (found, *others) if other.logit > best.logit - WORSE]
-        return best, [other for other in equal if self._lead(solid, best, other) < TELLING]
+        return best, [other for other in (found, *others) if self._lead(solid, best, other) < TELLING]
 
     def _lead(self, solid: Solid, one: Candidate, other: Candidate) -> float:
         """Pixels by which one candidate explains more than another one of the same solid."""
