@@ -50,6 +50,7 @@ _STYLE = """<style>
 table.zs { width: calc(100% - 1.6em); margin: 0 0.8em; border-collapse: collapse; }
 table.zs { font-size: 0.85em; line-height: 1.35; }
 table.zs th { text-align: left; font-weight: 600; white-space: nowrap; }
+table.zs td:first-child { white-space: nowrap; }
 table.zs .n { text-align: right; font-variant-numeric: tabular-nums; }
 table.zs td, table.zs th { padding: 0.1em 0.35em; border-bottom: 1px solid #8884; overflow-wrap: anywhere; }
 p.zs { font-size: 0.9em; margin: 0.3em 0.9em; }

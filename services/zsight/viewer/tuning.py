@@ -100,7 +100,7 @@ class Tuning:
             self._changed[parameter.name] = value
             self._words.content = words
             self._show()
-            if not self._clouds.held:
+            if not self._clouds.held and self.chosen()[0] == "planes":
                 self._selection.ask_again()
 
     def _keep(self) -> None:
