@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from progress import tell
 
 from zsight_core import scratch
 from zsight_core.clusters import clusters_above
@@ -81,6 +82,7 @@ def limit_rows(budget: float = 1.0) -> list[dict[str, Any]]:
         points = surface(count)
         for name, kernel in kernels(points, np.empty_like(points)).items():
             times.setdefault(name, []).append(fastest(kernel, budget) / points.size * 1e6)
+            tell(f"{name}, {points.size} points: {times[name][-1]:.3g} ns a point")
             scratch.release()
     return [exponent_row(name, per_point) for name, per_point in times.items()] + memory_rows()
 

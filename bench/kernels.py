@@ -44,6 +44,9 @@ if TYPE_CHECKING:
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # before Open3D is loaded: one thread each
 
+WARMING = 0.01
+"""Seconds of work before a call that counts."""
+
 ICP = "three ICP steps by small_gicp"
 
 STREAMING = (
@@ -222,19 +225,18 @@ def measured(task: Task, cloud: BenchCloud, copy: float, pcl: PclProcess, budget
 def pairs(ours: Callable[[], object], peer: Callable[[], float], budget: float) -> tuple[list[float], list[float]]:
     """Take turns until the budget is spent, at least 3 pairs.
 
-    Each turn does the task twice and counts the second time: what the other side left in the caches is not charged. A
-    pair of half a second or more does it once, as caches are nothing to it.
+    Each side works for some milliseconds before the call that counts, so that neither is charged for what the processor
+    forgot while the other was at work. A pair of half a second or more does without, as that is nothing to it.
     """
     mine: list[float] = []
     theirs: list[float] = []
     end, slow = time.perf_counter() + budget, False
     while len(mine) < 200 and (time.perf_counter() < end or len(mine) < 3):
-        if not slow:
-            ours()
-        mine.append(timed(ours))
-        if not slow:
-            peer()
-        theirs.append(peer())
+        for call, times in ((lambda: timed(ours), mine), (peer, theirs)):
+            warm_until = 0.0 if slow else time.perf_counter() + WARMING
+            while time.perf_counter() < warm_until:
+                call()
+            times.append(call())
         slow = mine[-1] + theirs[-1] >= 500
     return mine, theirs
 
