@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import sys
 import threading
 from dataclasses import dataclass
 from pathlib import Path
@@ -563,3 +564,33 @@ def _catalogue(zsight: Zsight, folder: Path) -> None:
     assert zsight("catalog", "show", "twig").code == 2
     (folder / "in" / "bar.yaml").write_text("name: bar\n")
     assert "line 1" in zsight("catalog", "add", folder / "in" / "bar.yaml").err
+
+
+# Other viewers.
+
+
+@pytest.mark.parametrize("name", ["foxglove", "rerun"])
+def test_without_the_extra_of_a_viewer_the_command_names_it(
+    zsight: Zsight, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    monkeypatch.setitem(sys.modules, name, None)
+    monkeypatch.delitem(sys.modules, f"zsight.bridge.{name}_sink", raising=False)
+    ended = zsight("view", f"--{name}")
+    assert ended.code == 2
+    assert f"pip install 'zsight[{name}]'" in ended.err
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--foxglove", "--rerun"], "two viewers"),
+        (["--foxglove", "--folder", "x"], "--folder means nothing"),
+        (["--foxglove", "--open"], "--open means nothing"),
+        (["--to", "x.rrd"], "--to needs --rerun"),
+        (["--rerun", "--port", "9"], "--port means nothing"),
+    ],
+)
+def test_options_of_another_viewer_are_refused(zsight: Zsight, options: list[str], words: str) -> None:
+    ended = zsight("view", *options)
+    assert ended.code == 2
+    assert words in ended.err
