@@ -74,6 +74,7 @@ def _model_bits(vertices: bytes, faces: bytes, rotation: bytes, is_round: bool) 
     triangles = corners[np.frombuffer(faces, np.int32).reshape(-1, 3)]
     surface, rim = _scattered(triangles), _rim(triangles)
     some = np.linspace(0, len(surface.points) - 1, min(len(surface.points), SAMPLES)).astype(np.int64)
+    some = np.random.default_rng(0).permutation(some)  # any part of them is spread over the surface as well
     along = (surface.points[some] * surface.ways[some]).sum(axis=1)
     samples = np.column_stack([surface.points[some], surface.ways[some], along])
     order = _order(corners)

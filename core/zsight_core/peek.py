@@ -19,7 +19,7 @@ STRIDE = 2
 """Every so many points are looked at before and while climbing."""
 
 FEWEST = 4
-"""Points that must be there."""
+"""Points that must be there; of every so many accordingly fewer, for a can seen from above shows little but its top."""
 
 SEEN_THROUGH = 1.0
 """Weight of a point that is seen through over one that is there."""
@@ -77,7 +77,7 @@ def best_places(
     scores = np.empty(len(places))
     for i in range(len(places)):
         x, y, yaw = places[i, 0], places[i, 1], places[i, 2]
-        scores[i] = _peek(image, shape, pinhole, T, some, x, y, base, yaw, noise, pixels)
+        scores[i] = _peek(image, shape, pinhole, T, some, x, y, base, yaw, noise, pixels, FEWEST // STRIDE)
     order = np.argsort(-scores, kind="mergesort")[:most]
     kept, heights = np.empty((most, 3)), np.empty(most)
     count = 0
@@ -85,7 +85,7 @@ def best_places(
         if scores[i] < WORTH_A_CLIMB:
             break
         x, y, yaw, score = _climb(image, shape, pinhole, T, some, places[i], scores[i], base, noise, pixels, axes)
-        if _peek(image, shape, pinhole, T, every, x, y, base, yaw, noise, pixels) < PEEKED:
+        if _peek(image, shape, pinhole, T, every, x, y, base, yaw, noise, pixels, FEWEST) < PEEKED:
             continue
         again = False
         for q in range(count):
@@ -129,7 +129,9 @@ def _climb(
                 else:
                     dx, dy, turn = 0.0, 0.0, sign * step * TURN
                 there = x + dx, y + dy, base, yaw + turn
-                reached = _peek(image, shape, pinhole, T_optical_support, samples, *there, noise, pixels)
+                reached = _peek(
+                    image, shape, pinhole, T_optical_support, samples, *there, noise, pixels, FEWEST // STRIDE
+                )
                 if reached > score:
                     x, y, yaw, score, better = x + dx, y + dy, yaw + turn, reached, True
                     break  # the other way leads back
@@ -151,6 +153,7 @@ def _peek(
     yaw: float,
     noise: float,
     pixels: NDArray[np.int32],
+    fewest: int,
 ) -> float:
     """Share of the facing points of the model that are there, less those seen through, at a place and height.
 
@@ -166,6 +169,7 @@ def _peek(
         yaw: radians.
         noise: standard deviation of 1 / z, 1/m.
         pixels: (M,) room for the pixel of each sample.
+        fewest: points that must be there.
     """
     fx, fy, cx, cy = pinhole
     height, width = shape
@@ -201,7 +205,7 @@ def _peek(
             score += 1 - 0.5 * off * off
         elif off > 0:
             score -= SEEN_THROUGH
-    return score / facing if there >= FEWEST else -2.0
+    return score / facing if there >= fewest else -2.0
 
 
 def warm_up() -> None:

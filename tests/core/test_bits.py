@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.core.book_scene import T_WORLD_CAMERA, TABLE_HEIGHT, TOY_BLOCK, at, cloud
+from tests.core.book_scene import COKE_CAN, T_WORLD_CAMERA, TABLE_HEIGHT, TOY_BLOCK, at, cloud
 
 from zsight_core.bits import RIM
 from zsight_core.clues import clues_of
+from zsight_core.model_bits import model_bits
 from zsight_core.scene import understand
+from zsight_core.solid import solid_of
 
 pytestmark = pytest.mark.usefixtures("warm_kernels")
 
@@ -26,3 +28,10 @@ def test_the_rims_of_a_block_face_away_from_its_sides(degrees: float) -> None:
     assert len(rims) > 20
     assert abs(np.median(off)) < 4
     assert np.percentile(abs(off), 75) < 10  # those at corners face between two sides
+
+
+def test_every_second_sample_of_a_model_is_spread_over_it_too() -> None:
+    """A can that is seen from above shows nothing but its top."""
+    bits = model_bits(solid_of(COKE_CAN.shape), np.eye(3), is_round=True)
+    for half in (bits.samples[::2], bits.samples[1::2]):
+        assert (half[:, 5] > 0.9).sum() >= 4
