@@ -70,7 +70,7 @@ def section(found: dict[str, Any], scenes: int) -> str:
         f"`zsight bench finder` over {scenes} simulated scenes of each of twelve levels, half of them seen by a",
         "simulated Kinect and half by a time-of-flight camera, from test seeds, with all shipped types as rivals of",
         f"each other. Measured on {machine['processor']}, {machine['cores']} cores, in one process, as processor time;",
-        "other programs were running, which makes the times larger than on an idle machine. Errors of poses are those",
+        "little else was running. Errors of poses are those",
         "of objects that are seen at least half and were found, in the camera's frame; an answer more than 20 mm or 15",
         "degrees off is a wrong one and a miss instead. The normalised error is the square root of the median over",
         "that of a chi-square distribution, which a few large errors do not move. `of` says on how many things a",

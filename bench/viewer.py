@@ -71,9 +71,8 @@ def run() -> list[dict[str, Any]]:
 def _beside_a_plain_reader(camera: _Camera, endpoint: str) -> _Sent:
     """The same with a reader that only counts, in place of the viewer."""
     with ExitStack() as reading:
-        _start(
-            reading, "-m", "zsight", "topic", "hz", "zsight/kinect/points", "--connect", endpoint, "--count", "1000000"
-        )
+        command = ("-m", "zsight", "topic", "hz", "zsight/kinect/points", "--connect", endpoint, "--duration", "1000")
+        _start(reading, *command)
         camera.wait_read()
         camera.measure(SETTLED)
         return camera.measure(PLAIN)
