@@ -9,7 +9,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 import pytest
-from tests.services.waiting import DEADLINE, Arrivals, soon
+from tests.services.waiting import DEADLINE, Arrivals, known, soon
 
 from zsight.bus.attachment import Attachment
 from zsight.errors import ConnectionLost, RequestRefused
@@ -338,13 +338,6 @@ def test_sending_after_the_end_says_so(join: Join) -> None:
 
 
 # Requests.
-
-
-def known(server: Bus, client: Bus) -> None:
-    """Wait until what a server serves is known to the network: liveliness comes after it, as for services."""
-    token = server.link.declare_alive(server.cell.alive("host", f"server{id(server)}"))
-    assert soon(lambda: bool(client.link.alive(client.cell.alive("host", f"server{id(server)}"), 1.0)))
-    token.close()
 
 
 def test_a_request_gets_its_replies_and_then_an_end(join: Join) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from tests.services.gated_work import Gated
 from tests.services.running import running
-from tests.services.waiting import DEADLINE, soon
+from tests.services.waiting import DEADLINE, known, soon
 
 from zsight import camera, cli, finder, planes, voxel
 from zsight.action_server import ActionServer, Policy
@@ -324,13 +324,6 @@ def join_cell(reachable: Network) -> Iterator[Any]:
     yield join
     for bus in buses:
         bus.close()
-
-
-def known(bus: Bus, other: Bus) -> None:
-    """Wait until what a bus serves is known to the network."""
-    token = bus.link.declare_alive(bus.cell.alive("here", "test"))
-    assert soon(lambda: bool(other.link.alive(other.cell.alive("here", "test"), 1.0)))
-    token.close()
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from tests.services.recordings import START, cloud, sample, transform
 from tests.services.running import running
-from tests.services.waiting import soon
+from tests.services.waiting import known, soon
 
 from zsight.errors import NobodyAnswers, RequestRefused
 from zsight.recording import recorder
@@ -51,6 +51,7 @@ def test_all_that_is_sent_is_recorded_with_when_and_by_whom(join: Join, tmp_path
     static.send(transform(5.0))  # before anybody records
     with running(recorder.run, server, settings(tmp_path)):
         control = RecorderClient(test)
+        known(server, test)
         assert control.status().state is Recording.IDLE
         state = control.start(str(tmp_path / "one"))
         assert state.state is Recording.RECORDING

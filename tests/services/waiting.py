@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Generic, TypeVar
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-__all__ = ["DEADLINE", "Arrivals", "soon"]
+    from zsight.bus import Bus
+
+__all__ = ["DEADLINE", "Arrivals", "known", "soon"]
 
 DEADLINE = 10.0  # seconds; far more than anything here takes, so that a slow machine is no failure
 
@@ -44,3 +46,11 @@ def soon(happened: Callable[[], bool], deadline: float = DEADLINE) -> bool:
             return False
         pause.wait(0.002)
     return True
+
+
+def known(server: Bus, client: Bus) -> None:
+    """Wait until the client's network knows what the server has declared: declarations come in order."""
+    token = server.link.declare_alive(server.cell.alive("here", "test"))
+    key = client.cell.alive("here", "test")
+    assert soon(lambda: bool(client.link.alive(key, 1.0)))
+    token.close()
