@@ -102,12 +102,10 @@ class Reader(Generic[M]):
         A message that is not what its channel carries is logged, counted and skipped.
         """
         deadline = None if timeout is None else time.monotonic() + timeout
-        self._hold(False)
         while (arrived := self._next(deadline)) is not None:
             received = self._decoded(arrived)
             if received is not None and not self._is_overtaken(arrived):
                 return self._counted(received)
-            self._hold(False)
         return None
 
     def caught_up(self, timeout: float) -> bool:
@@ -119,14 +117,11 @@ class Reader(Generic[M]):
     def _done(self) -> int:
         return self._came - len(self._pending) - self._in_hand
 
-    def _hold(self, held: bool) -> None:
-        with self._changed:
-            if held != self._in_hand:
-                self._in_hand = held
-                self._changed.notify_all()
-
     def _next(self, deadline: float | None) -> Arrived | None:
         with self._changed:
+            if self._in_hand:
+                self._in_hand = False
+                self._changed.notify_all()
             # What was to come one by one is still taken after the end; of the rest there would always be a newer one.
             while not self._is_over() or (self._delivery is Delivery.EVERY and len(self._pending)):
                 arrived, patience = self._pending.next()
