@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from zsight.bus import Bus, RawRequest
+    from zsight.bus.link import Closable
 
 __all__ = ["Control"]
 
@@ -35,7 +36,7 @@ class Control(Generic[Request, State]):
         do: Callable[[Request], State],
         state: Callable[[], State],
     ) -> None:
-        """Begin to answer.
+        """Nobody is answered before ``serve`` is called.
 
         Args:
             bus: bus of the cell.
@@ -44,11 +45,16 @@ class Control(Generic[Request, State]):
             do: does what a request asks, and returns how it stands afterwards; what it raises refuses the request.
             state: how it stands.
         """
-        self._request = asked[1]
+        self._bus = bus
+        self._key, self._request = asked
         self._do = do
         self._state = state
         self._status = bus.writer(*told)
-        self._server = bus.serve(asked[0], self._asked)
+        self._server: Closable | None = None
+
+    def serve(self) -> None:
+        """Begin to answer; what is asked may come at once."""
+        self._server = self._bus.serve(self._key, self._asked)
 
     def tell(self) -> None:
         """Tell everybody how it stands."""
@@ -59,7 +65,8 @@ class Control(Generic[Request, State]):
 
     def close(self) -> None:
         """Answer no more."""
-        self._server.close()
+        if self._server is not None:
+            self._server.close()
 
     def _asked(self, request: RawRequest) -> None:
         # Opening, seeking and closing wait for files, and this is the link's own thread.

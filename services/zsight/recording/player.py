@@ -101,6 +101,7 @@ class Player:
         asked = (bus.cell.player(settings.name), PlayerRequest)
         told = (bus.cell.player_status(settings.name), PlayerState)
         self._control = Control(bus, asked, told, self.do, self.state)
+        self._control.serve()
         self.tell()
 
     def open(self, path: str) -> None:

@@ -105,6 +105,7 @@ class Recorder:
         asked = (bus.cell.recorder(settings.name), RecorderRequest)
         told = (bus.cell.recorder_status(settings.name), RecorderState)
         self._control = Control(bus, asked, told, self._do, self.state)
+        self._control.serve()
         if self._ring is not None:
             self._read(self._default)
         self._control.tell()
