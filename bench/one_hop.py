@@ -50,18 +50,20 @@ def measure(
     from zsight.network import Network
 
     network = Network(namespace="bench").on(free_endpoint())
-    bare = free_endpoint()
     with ExitStack() as stack:
         stack.enter_context(_process(_router, network))
         ours = _Ours(network, points, writers)
         stack.callback(ours.close)
-        floor = _Bare(bare, points, writers)
-        stack.callback(floor.close)
-        theirs = [stack.enter_context(_process(_bare_reader, bare, points.dtype, writers)) for _ in range(readers)]
         mine = [stack.enter_context(_process(_our_reader, network, writers)) for _ in range(readers)]
+        systems: dict[str, Any] = {"zsight": (ours.send, mine)}
+        for name in ("bare zenoh", "floor"):  # each with all its own: what one leaves warm is no help to another
+            bare = _Bare(points, writers)
+            stack.callback(bare.close)
+            read = [_process(_bare_reader, bare.endpoint, points.dtype, writers) for _ in range(readers)]
+            send = bare.send_array if name == "bare zenoh" else bare.send
+            systems[name] = send, [stack.enter_context(reader) for reader in read]
         ours.wait_for_readers()
         time.sleep(0.3)
-        systems = {"zsight": (ours.send, mine), "bare zenoh": (floor.send_array, theirs), "floor": (floor.send, theirs)}
         times: dict[str, list[list[float]]] = {name: [] for name in systems}
         for number in range(clouds + 10):
             for name, (send, receivers) in systems.items():
@@ -118,12 +120,16 @@ def _our_reader(pipe: Connection, network: Network, writers: int) -> None:
             reader = bus.reader(bus.cell.points("camera0"), PointCloud2)
         else:
             reader = bus.reader(f"{network.namespace}/*/points", PointCloud2, delivery=Delivery.LATEST)
-        pipe.send("ready")
-        for cloud in reader:
+
+        def usable(cloud: PointCloud2) -> tuple[int, int]:
             points = points_of(cloud)
             now = time.time_ns()
             assert points.size
-            pipe.send((cloud.header.stamp.ns, now))
+            return cloud.header.stamp.ns, now
+
+        pipe.send("ready")
+        for times in map(usable, reader):  # like the bare one's callback it lets go of a cloud before the next comes
+            pipe.send(times)
 
 
 def _bare_reader(pipe: Connection, endpoint: str, dtype: np.dtype[Any], writers: int) -> None:
@@ -163,10 +169,11 @@ class _Ours:
 
 
 class _Bare:
-    def __init__(self, endpoint: str, points: Points, writers: int) -> None:
+    def __init__(self, points: Points, writers: int) -> None:
         from bare_zenoh import open_session, writer
 
-        self._session = open_session(listen=endpoint)
+        self.endpoint = free_endpoint()
+        self._session = open_session(listen=self.endpoint)
         self._points, self._data = points, points.tobytes()
         pool = max(64 << 20, 6 * len(self._data))
         self._writers = [writer(self._session, f"camera{n}", pool) for n in range(writers)]

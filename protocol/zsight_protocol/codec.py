@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import contextlib
 import struct
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import msgpack
 from pydantic import ValidationError
 
 from zsight_protocol.errors import DecodeError, EncodeError, shortened
+from zsight_protocol.known_head import KnownHead
 
 if TYPE_CHECKING:
     from zsight_protocol.message import Message
@@ -27,7 +28,12 @@ _HEAD_LIMIT = 64 * 1024  # bytes that the entries before a blob may take
 _USUAL_HEAD = 1024  # bytes that they do take
 _PACKED = 4096  # bytes that a packer begins with; its own choice, 256 KiB, takes longer to get than a message to pack
 
+_KNOWN = 64  # heads that are remembered
+
 M = TypeVar("M", bound="Message")
+
+_written: dict[tuple[type[Message], int], KnownHead] = {}  # the latest by kind and bytes of the blob
+_read: dict[tuple[type[Message], int], KnownHead] = {}  # the latest by kind and bytes of the payload
 
 
 def encode(message: Message) -> bytes:
@@ -48,17 +54,36 @@ def encode_parts(message: Message) -> tuple[bytes, Buffer]:
     Raises:
         EncodeError: the message holds a number that no message can carry.
     """
-    entries = message.model_dump(mode="python", exclude={"data"})
     blob: Buffer | None = getattr(message, "data", None)
+    if blob is None:
+        return _packed(msgpack.Packer(buf_size=_PACKED), message, message.model_dump(mode="python")), b""
+    known = _written.get((type(message), len(blob)))
+    head = known.spelled(message) if known is not None else None
+    if head is None:
+        head = _head(message, blob)
+        _remember(_written, (type(message), len(blob)), KnownHead.of(head, message))
+    return head, blob
+
+
+def _remember(
+    heads: dict[tuple[type[Message], int], KnownHead], key: tuple[type[Message], int], head: KnownHead | None
+) -> None:
+    if len(heads) >= _KNOWN:
+        heads.clear()
+    if head is not None:
+        heads[key] = head
+
+
+def _head(message: Message, blob: Buffer) -> bytes:
+    entries = message.model_dump(mode="python", exclude={"data"})
     packer = msgpack.Packer(buf_size=_PACKED)
     packed = _packed(packer, message, entries)
-    if blob is None:
-        return packed, b""
     head = packer.pack_map_header(len(entries) + 2) + packed[len(packer.pack_map_header(len(entries))) :]
     head += packer.pack("_")
     tail = packer.pack("data") + struct.pack(">BI", 0xC6, len(blob))
     padding = -(len(head) + 2 + len(tail)) % ALIGNMENT
-    return head + struct.pack(">BB", 0xC4, padding) + bytes(padding) + tail, blob
+    whole: bytes = head + struct.pack(">BB", 0xC4, padding) + bytes(padding) + tail
+    return whole
 
 
 def _packed(packer: msgpack.Packer, message: Message, entries: dict[str, Any]) -> bytes:
@@ -77,6 +102,9 @@ def decode(kind: type[M], payload: Buffer) -> M:
             multiple of the payload, whatever lengths the bytes declare.
     """
     view = memoryview(payload)
+    known = _read.get((kind, len(view)))
+    if known is not None and (said := known.said(view)) is not None:
+        return cast("M", said)
     try:
         entries = _entries_before_blob(view) if "data" in kind.model_fields else _all_entries(view)
     except DecodeError as error:
@@ -85,9 +113,13 @@ def decode(kind: type[M], payload: Buffer) -> M:
         reason = str(error) or type(error).__name__
         raise DecodeError(f"not a {kind.__name__}: {len(view)} bytes that are not one msgpack map ({reason})") from None
     try:
-        return kind.model_validate(entries)
+        message = kind.model_validate(entries)
     except ValidationError as error:
         raise DecodeError.from_validation(kind.__name__, error) from None
+    if "data" in entries:
+        head = bytes(view[: len(view) - len(entries["data"])])
+        _remember(_read, (kind, len(view)), KnownHead.of(head, message))
+    return message
 
 
 class _Reader:

@@ -34,6 +34,10 @@ _FORMATS = {
     Datatype.FLOAT64: "<f8",
 }
 _AT_ONCE = 8192  # points that are looked at in one go
+_MOST_LAYOUTS = 64
+_layouts: dict[
+    tuple[np.dtype[Any], tuple[int, int]], PointCloud2
+] = {}  # legal clouds of which the points are forgotten
 _DATATYPES = {np.dtype(form): datatype for datatype, form in _FORMATS.items()}
 
 
@@ -67,19 +71,39 @@ def cloud_from_points(points: Points, stamp: Time, frame_id: str) -> PointCloud2
     if points.size == 0:
         raise UsageError("the cloud has no points; expected at least one: nothing can be published")
     packed = points if points.flags.c_contiguous else _side_by_side(points)
-    height, width = packed.shape
-    step = packed.dtype.itemsize
-    return PointCloud2(
-        header=Header(stamp=stamp, frame_id=frame_id),
+    known = _layouts.get((packed.dtype, packed.shape)) or _remembered(packed)
+    return known.model_copy(
+        update={
+            "header": Header(stamp=stamp, frame_id=frame_id),
+            "is_dense": _is_dense(packed),
+            "data": _bytes_of(packed),
+        }
+    )
+
+
+def _remembered(points: Points) -> PointCloud2:
+    """A legal cloud in place of these points; the points themselves are not kept."""
+    height, width = points.shape
+    step = points.dtype.itemsize
+    cloud = PointCloud2(
+        header=Header(),
         height=height,
         width=width,
-        fields=_fields_of(packed.dtype),
+        fields=_fields_of(points.dtype),
         is_bigendian=False,
         point_step=step,
         row_step=width * step,
-        is_dense=_is_dense(packed),
-        data=packed.reshape(-1).view(np.uint8).data,
-    )
+        is_dense=False,
+        data=_bytes_of(points),
+    ).model_copy(update={"data": b""})
+    if len(_layouts) >= _MOST_LAYOUTS:
+        _layouts.clear()
+    _layouts[points.dtype, points.shape] = cloud
+    return cloud
+
+
+def _bytes_of(points: Points) -> memoryview:
+    return points.reshape(-1).view(np.uint8).data
 
 
 def _side_by_side(points: Points) -> Points:
@@ -90,7 +114,6 @@ def _side_by_side(points: Points) -> Points:
     return packed
 
 
-@lru_cache(maxsize=64)
 def _fields_of(dtype: np.dtype[Any]) -> tuple[PointField, ...]:
     entries: dict[str, Any] = dict(dtype.fields or {})
     return tuple(_field(name, entry[0], entry[1]) for name, entry in entries.items())
@@ -106,11 +129,11 @@ def _field(name: str, dtype: np.dtype[Any], offset: int) -> PointField:
 
 def _is_dense(points: Points) -> bool:
     """The corner, then row by row: depth cameras mostly see a hole there, and then the rest is not looked at."""
-    axes = [points[axis] for axis in "xyz" if axis in (points.dtype.names or ())]
-    if any(math.isnan(axis.item(0)) for axis in axes):
+    axes = [axis for axis in "xyz" if axis in (points.dtype.names or ())]
+    if any(math.isnan(points[axis].item(0)) for axis in axes):
         return False
     rows, step = len(points), max(1, _AT_ONCE // max(points.shape[1], 1))
-    return not any(np.isnan(axis[row : row + step]).any() for row in range(0, rows, step) for axis in axes)
+    return not any(np.isnan(points[axis][row : row + step]).any() for row in range(0, rows, step) for axis in axes)
 
 
 def matrix_of(pose: Pose | Transform) -> NDArray[np.float64]:

@@ -66,6 +66,7 @@ PUBLIC = {
     ],
     "health": ["Health", "Latency", "Level", "ReaderHealth", "WriterHealth"],
     "host_report": ["Crash", "HostReport", "ProcessReport"],
+    "known_head": ["KnownHead"],
     "log_event": ["LogEvent", "LogTail"],
     "message": ["Bare", "Count", "Extras", "Float64", "Header", "Message", "Time", "Tuple2", "Tuple3", "Tuple4"],
     "object_type": [

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 import struct
-from dataclasses import dataclass
+from typing import NamedTuple
 
 __all__ = ["Attachment", "new_writer_id"]
 
@@ -19,8 +19,7 @@ def new_writer_id() -> int:
     return int.from_bytes(os.urandom(8), "little")
 
 
-@dataclass(frozen=True)
-class Attachment:
+class Attachment(NamedTuple):
     """Writer id, sequence number counted from 1, and nanoseconds since the epoch by the writer's clock."""
 
     writer: int
@@ -29,9 +28,9 @@ class Attachment:
 
     def pack(self) -> bytes:
         """24 bytes."""
-        return _FORM.pack(self.writer, self.sequence, self.sent_ns)
+        return _FORM.pack(*self)
 
     @classmethod
     def unpack(cls, data: bytes) -> Attachment | None:
         """From 24 bytes; none where they are not that."""
-        return cls(*_FORM.unpack(data)) if len(data) == _FORM.size else None
+        return cls._make(_FORM.unpack(data)) if len(data) == _FORM.size else None

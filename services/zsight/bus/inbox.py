@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import OrderedDict
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from zsight import limits
 from zsight_protocol.channels import Delivery
@@ -24,8 +23,7 @@ _GRACE = 0.03  # seconds that a held-up message waits at least for a newer one
 _LONGEST = 1.0  # seconds that it waits at most while newer ones keep coming that were held up too
 
 
-@dataclass(frozen=True)
-class Arrived:
+class Arrived(NamedTuple):
     """Bytes that wait: who sent them, when they were here (ns), how many of that writer's are missing before them.
 
     ``payload`` is a copy where one was made at once.

@@ -6,6 +6,7 @@ import logging
 import threading
 import time
 from dataclasses import dataclass
+from operator import attrgetter
 from typing import TYPE_CHECKING, Generic, TypeVar
 
 from zsight import limits
@@ -84,8 +85,8 @@ class Reader(Generic[M]):
         attachment = Attachment.unpack(sample.attachment)
         now = time.time_ns()
         # What may queue must not hold the writer's shared memory meanwhile.
-        fits = sample.size <= limits.MESSAGE_BYTES
-        payload = sample.take() if self._delivery is Delivery.EVERY and fits else None
+        queues = self._delivery is Delivery.EVERY and sample.size <= limits.MESSAGE_BYTES
+        payload = sample.take() if queues else None
         with self._changed:
             if self._is_over():
                 return
@@ -177,9 +178,9 @@ class Reader(Generic[M]):
         return Received(message, arrived.sample.key, attachment, arrived.received_ns, arrived.lost_before)
 
     def __iter__(self) -> Iterator[M]:
-        """Messages until the bus stops."""
-        while (received := self.take()) is not None:
-            yield received.message
+        """Messages until the bus stops; one that its taker let go of leaves its memory, still warm, to the next."""
+        # map holds on to nothing, as a loop with a name for what it took would.
+        return map(attrgetter("message"), iter(self.take, None))
 
     def wake(self) -> None:
         """Let waiting threads look whether the bus is stopping."""
