@@ -210,7 +210,8 @@ def _first_readable(files: list[Path]) -> LoadedCloud:
 
 def _files(files: list[Path], first: LoadedCloud, frame: str, transforms: TransformList | None) -> Source:
     info = _fitted_info(first.points, frame)
-    return Source(frame, 1.0, lambda: map(_read_file, files), transforms, info)
+    one = [first.points] if len(files) == 1 else []  # which is not read again thirty times a second
+    return Source(frame, 1.0, lambda: iter(one) if one else map(_read_file, files), transforms, info)
 
 
 def _read_file(path: Path) -> Points:

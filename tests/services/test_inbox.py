@@ -37,7 +37,7 @@ class Line:
     def arrive(self, sequence: int, sent_ns: int, now_ns: int, *, writer: int = 1, key: str = "cell/a") -> None:
         attachment = Attachment(writer, sequence, sent_ns)
         missing = self.counter.arrived(attachment, now_ns)
-        self.inbox.put(Arrived(Sample(key), None, attachment, now_ns, missing))
+        self.inbox.put(Arrived(Sample(key), key, None, attachment, now_ns, missing))
 
     def next(self) -> int | None:
         """Number of the next message; none where it is held, or there is none."""

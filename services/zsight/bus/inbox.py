@@ -24,12 +24,13 @@ _LONGEST = 1.0  # seconds that it waits at most while newer ones keep coming tha
 
 
 class Arrived(NamedTuple):
-    """Bytes that wait: who sent them, when they were here (ns), how many of that writer's are missing before them.
+    """Bytes that wait: on which key, who sent them, when they were here (ns), how many are missing before them.
 
     ``payload`` is a copy where one was made at once.
     """
 
     sample: RawSample
+    key: str
     payload: bytes | None
     attachment: Attachment | None
     received_ns: int
@@ -74,8 +75,8 @@ class Inbox:
             self._arrivals += 1
             return self._arrivals
         if self._delivery is Delivery.LATCHED:
-            return arrived.sample.key, arrived.attachment.writer if arrived.attachment is not None else None
-        return arrived.sample.key
+            return arrived.key, arrived.attachment.writer if arrived.attachment is not None else None
+        return arrived.key
 
     def next(self) -> tuple[Arrived | None, float | None]:
         """The message that comes next, or none and the seconds after which to look again (none: after a change)."""

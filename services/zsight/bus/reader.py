@@ -5,9 +5,8 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from dataclasses import dataclass
 from operator import attrgetter
-from typing import TYPE_CHECKING, Generic, TypeVar
+from typing import TYPE_CHECKING, Generic, NamedTuple, TypeVar
 
 from zsight import limits
 from zsight.bus.attachment import Attachment
@@ -31,8 +30,7 @@ log = logging.getLogger(__name__)
 M = TypeVar("M", bound=Message)
 
 
-@dataclass(frozen=True)
-class Received(Generic[M]):
+class Received(NamedTuple, Generic[M]):
     """A message and how it came.
 
     Its key; its writer's stamp and number; when it was here (ns, this host); how many messages of that writer went
@@ -93,7 +91,7 @@ class Reader(Generic[M]):
             missing = self.counter.arrived(attachment, now)
             if missing and self._delivery is Delivery.EVERY:
                 log.warning("%d messages on %s were lost on the way", missing, sample.key)
-            self._pending.put(Arrived(sample, payload, attachment, now, missing))
+            self._pending.put(Arrived(sample, sample.key, payload, attachment, now, missing))
             self._came += 1
             self._changed.notify_all()
 
@@ -152,7 +150,7 @@ class Reader(Generic[M]):
 
     def _decoded(self, arrived: Arrived) -> tuple[Arrived, M, int] | None:
         if arrived.sample.size > limits.MESSAGE_BYTES:  # through shared memory, where Zenoh keeps no limit
-            self._refuse(arrived.sample.key, f"{arrived.sample.size} bytes; at most {limits.MESSAGE_BYTES} are read")
+            self._refuse(arrived.key, f"{arrived.sample.size} bytes; at most {limits.MESSAGE_BYTES} are read")
             return None
         payload = arrived.payload if self._delivery is Delivery.EVERY else arrived.sample.take()
         if payload is None:
@@ -161,7 +159,7 @@ class Reader(Generic[M]):
         try:
             return arrived, decode(self._kind, payload), len(payload)
         except ProtocolError as error:
-            self._refuse(arrived.sample.key, error)
+            self._refuse(arrived.key, error)
             return None
 
     def _refuse(self, key: str, error: ProtocolError | str) -> None:
@@ -175,7 +173,7 @@ class Reader(Generic[M]):
         # A latched value may be as old as it likes.
         stamp = None if self._delivery is Delivery.LATCHED else stamp_ns(message)
         self.counter.taken(size, arrived.received_ns, sent_ns, stamp)
-        return Received(message, arrived.sample.key, attachment, arrived.received_ns, arrived.lost_before)
+        return Received(message, arrived.key, attachment, arrived.received_ns, arrived.lost_before)
 
     def __iter__(self) -> Iterator[M]:
         """Messages until the bus stops; one that its taker let go of leaves its memory, still warm, to the next."""

@@ -315,6 +315,9 @@ class _ZenohWriter:
         if payload is None:
             payload = b"".join((head, blob)) if blob else head
         self._publisher.put(payload, attachment=attachment)
+        if self._ring is not None:
+            # Whoever sends clouds often works on the next one at once, and Zenoh's sending thread would wait meanwhile.
+            os.sched_yield()
 
     def has_readers(self) -> bool:
         return bool(self._matching.matching_status.matching)
