@@ -25,7 +25,7 @@ from zsight.runtime import join
 from zsight_protocol.action import GoalState
 
 if TYPE_CHECKING:
-    from zsight.action_client import GoalCall
+    from zsight.action.client import GoalCall
 
 ECHO = Path(__file__).resolve().parent.parent / "tests" / "system" / "echo_server.py"
 ROUNDS, KILLS = 400, 20

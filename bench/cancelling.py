@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from zsight.catalogue.type_files import load, shipped_folder
 from zsight.client import CellClient
 from zsight.network import Network
-from zsight.object_catalogue import load, shipped_folder
 from zsight.runtime import host_name, join
 from zsight_core import pcd
 from zsight_core.model import Surface

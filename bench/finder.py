@@ -22,8 +22,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from zsight.catalogue.type_files import load, shipped_folder
 from zsight.cli.benching import machine
-from zsight.object_catalogue import load, shipped_folder
 from zsight_core import find as finder
 from zsight_core import scene as scene_stage
 from zsight_core.contest import lead

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from zsight.object_catalogue import load, shipped_folder
+from zsight.catalogue.type_files import load, shipped_folder
 from zsight_core import find, scene
 from zsight_core.clues import clues_of
 from zsight_core.model import ObjectModel, Surface

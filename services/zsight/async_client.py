@@ -14,7 +14,7 @@ from zsight.client import LOST_OR_BUSY, CellClient, answer_of, connect
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Callable, Iterator
 
-    from zsight.action_client import GoalCall
+    from zsight.action.client import GoalCall
     from zsight.client import Cloud, FindOptions
     from zsight.levelling import CameraLevel
     from zsight.merging import MergedAnswer

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
 
     from pydantic import JsonValue
 
-    from zsight.catalogue_client import Catalog, Lesson
+    from zsight.catalogue.client import Catalog, Lesson
     from zsight.parameter_client import ParameterClient
     from zsight.recording_client import PlayerClient, RecorderClient
     from zsight_protocol.object_type import Derived, ObjectType, Taught

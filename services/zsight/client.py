@@ -10,12 +10,11 @@ from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 import numpy as np
 from pydantic import ValidationError
 
-from zsight.action_client import GoalCall
-from zsight.action_client import cancel as cancel_goal
-from zsight.beats import ask_health, present
+from zsight.action.client import GoalCall
+from zsight.action.client import cancel as cancel_goal
 from zsight.bus import Bus
 from zsight.bus.zenoh_link import open_link
-from zsight.catalogue_client import Catalog
+from zsight.catalogue.client import Catalog
 from zsight.convert import cloud_from_points, points_of
 from zsight.errors import (
     DeadlinePassed,
@@ -27,6 +26,7 @@ from zsight.errors import (
     UsageError,
     ZsightError,
 )
+from zsight.hosts.beats import ask_health, present
 from zsight.levelling import CameraLevel, await_level, measure_level, process_of
 from zsight.merging import MergedAnswer, merge
 from zsight.network import Network

@@ -10,15 +10,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from zsight import object_catalogue, scene_file
+from zsight import scene_file
 from zsight.bus import Bus
 from zsight.bus.zenoh_link import open_link
-from zsight.cell_file import ProcessEntry
+from zsight.catalogue import type_files
 from zsight.client import CellClient
 from zsight.convert import matrix_of, points_of
 from zsight.errors import ZsightError
+from zsight.hosts.cell_file import ProcessEntry
+from zsight.hosts.supervisor import Supervisor
 from zsight.network import Network
-from zsight.supervisor import Supervisor
 from zsight_core.transform import angle_between, from_rpy, inverse
 from zsight_protocol.channels import Cell
 from zsight_protocol.find_object import Capture
@@ -156,7 +157,7 @@ def _words(T: NDArray[np.float64]) -> str:
 def _draw(path: Path, points: Any, block: FindObjectResult, file: scene_file.SceneFile, report: dict[str, Any]) -> None:
     from zsight.pictures import draw_answer
 
-    types = object_catalogue.load(object_catalogue.shipped_folder())
+    types = type_files.load(type_files.shipped_folder())
     scene = scene_file.build(file, types)
     T_world_camera = scene.camera.T_world_camera
     lines = [f"table\t{report['table_height']:.4f} m"] if report["table_height"] is not None else []

@@ -14,13 +14,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from pydantic import Field, JsonValue
 
-from zsight import finding, object_catalogue
-from zsight.action_server import ActionServer
-from zsight.catalogue_server import serve_catalogue
-from zsight.clocks import ask_clocks
+from zsight import finding
+from zsight.action.server import ActionServer
+from zsight.catalogue import type_files
+from zsight.catalogue.server import serve_catalogue
 from zsight.convert import points_of
 from zsight.errors import ConnectionLost, UsageError, ZsightError
 from zsight.find_progress import FindProgress
+from zsight.hosts.clocks import ask_clocks
 from zsight.scene_cache import SceneCache
 from zsight.settings import Live
 from zsight.settings import Settings as ServiceSettings
@@ -44,9 +45,9 @@ from zsight_protocol.scene import Scene
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from zsight.action_server import GoalHandle
+    from zsight.action.server import GoalHandle
     from zsight.bus import Bus, Reader
-    from zsight.object_catalogue import Catalogue
+    from zsight.catalogue.type_files import Catalogue
     from zsight_core.find import Detection
     from zsight_protocol.geometry import Region
 
@@ -115,7 +116,7 @@ class Settings(ServiceSettings):
 def run(bus: Bus, settings: Settings) -> None:
     """Answer goals until told to stop."""
     own_folder = Path(settings.catalogue) if settings.catalogue else None
-    catalogue = object_catalogue.load(object_catalogue.shipped_folder(), *([own_folder] if own_folder else []))
+    catalogue = type_files.load(type_files.shipped_folder(), *([own_folder] if own_folder else []))
     work = FindObject(bus, settings, catalogue)
     # Types can be told of before kernels are there.
     told = bus.writer(bus.cell.catalogue(settings.name), CatalogAnswer)
@@ -212,7 +213,7 @@ class FindObject:
         """
         if asked.camera not in ("", self._settings.camera):
             raise UsageError(f"this finder reads camera {self._settings.camera}, not {asked.camera}")
-        object_catalogue.require_type_name(name)
+        type_files.require_type_name(name)
         with self._came:
             came = self._came.wait_for(lambda: self._age() <= self._settings.oldest, self._settings.oldest)
             newest = self._newest
@@ -223,7 +224,9 @@ class FindObject:
         T_frame_camera = self._buffer.lookup(frame, cloud.header.frame_id, cloud.header.stamp.ns)
         scene = self._scenes.of(cloud, T_world_camera=self._gravity(cloud), limits=self._settings.limits())
         header = Header(stamp=cloud.header.stamp, frame_id=frame)
-        from zsight import teaching  # draws pictures, which nothing else here needs: half of what the finder imports
+        from zsight.catalogue import (
+            teaching,  # draws pictures, which nothing else here needs: half of what the finder imports
+        )
 
         kind, taught = teaching.teach(name, asked, points_of(cloud), scene, header, T_frame_camera)
         return CatalogAnswer(ok=True, types=(kind,), taught=taught)

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from pydantic import JsonValue
 
-    from zsight.object_catalogue import Catalogue
+    from zsight.catalogue.type_files import Catalogue
     from zsight_core.find import Answer, Detection
     from zsight_core.points import Points
     from zsight_core.scene import Scene

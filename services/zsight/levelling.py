@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from zsight.beats import ask_health
 from zsight.convert import points_of
 from zsight.errors import DeadlinePassed, NobodyAnswers, ZsightError
+from zsight.hosts.beats import ask_health
 from zsight.transforms import TransformBuffer
 from zsight_core.transform import quaternion
 from zsight_protocol.geometry import TransformList

@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from zsight import cloud_input, finding, object_catalogue
+from zsight import cloud_input, finding
+from zsight.catalogue import type_files
+from zsight.catalogue.type_files import require_type_name
 from zsight.errors import DeadlinePassed, UsageError
-from zsight.object_catalogue import require_type_name
 from zsight_core import scene as scene_core
 from zsight_core.errors import Cancelled
 from zsight_protocol.message import Header, Time
@@ -57,8 +58,8 @@ def find_in_file(
         CoreError: the cloud cannot be read or searched.
         DeadlinePassed: the time was over first.
     """
-    folders = [object_catalogue.shipped_folder(), *([catalogue] if catalogue is not None else [])]
-    types = object_catalogue.load(*folders)
+    folders = [type_files.shipped_folder(), *([catalogue] if catalogue is not None else [])]
+    types = type_files.load(*folders)
     name = types.wanted(object_type)
     cloud = cloud_input.read(path, intrinsics)
     points = cloud.points
@@ -111,7 +112,7 @@ def find_in_file(
 def teach_from_file(
     path: Path, name: str, asked: Teaching, *, intrinsics: Path | None = None, pose: str = ""
 ) -> tuple[ObjectType, Taught]:
-    """The type of a thing in the cloud of a file; see zsight.teaching.teach for the errors besides.
+    """The type of a thing in the cloud of a file; see zsight.catalogue.teaching.teach for the errors besides.
 
     Args:
         path: the cloud, see zsight.cloud_input.
@@ -124,7 +125,7 @@ def teach_from_file(
         UsageError: the pose makes no sense, or no type can have this name.
         CoreError: the cloud cannot be read.
     """
-    from zsight.teaching import teach
+    from zsight.catalogue.teaching import teach
 
     require_type_name(name)
     cloud = cloud_input.read(path, intrinsics)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from zsight import object_catalogue
+from zsight.catalogue import type_files
 from zsight.convert import matrix_of, points_of
 from zsight.errors import DeadlinePassed
 from zsight.transforms import TransformBuffer, TransformUnknown
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from zsight.bus import Bus, Reader
-    from zsight.object_catalogue import Catalogue
+    from zsight.catalogue.type_files import Catalogue
     from zsight_core.points import Points
     from zsight_protocol.find_object import DetectedObject, FindObjectResult
     from zsight_protocol.message import Header
@@ -87,7 +87,7 @@ def draw_live(bus: Bus, result: FindObjectResult, path: Path) -> None:
         raise DeadlinePassed(f"no cloud on {clouds.counter.key} within {_SOON:g} s: no picture was drawn")
     cloud = received.message
     T_frame_camera = _place_of_camera(frames, result.header.frame_id or cloud.header.frame_id, cloud.header)
-    types = object_catalogue.load(object_catalogue.shipped_folder())
+    types = type_files.load(type_files.shipped_folder())
     draw_answer(path, points_of(cloud), result, types, T_frame_camera)
 
 

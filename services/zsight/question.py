@@ -5,8 +5,8 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING, TypeVar
 
-from zsight.beats import present
 from zsight.errors import DeadlinePassed, NobodyAnswers
+from zsight.hosts.beats import present
 from zsight_protocol.codec import decode, encode
 from zsight_protocol.message import Message
 

@@ -8,7 +8,7 @@ import socket
 import ssl
 from pathlib import Path
 
-from zsight.identity import CA, CERTIFICATE, KEY
+from zsight.keys.identity import CA, CERTIFICATE, KEY
 
 __all__ = ["trouble_at", "what_happened"]
 

@@ -18,7 +18,7 @@ from zsight import shared_memory
 from zsight.bus import Bus
 from zsight.bus.zenoh_link import open_link, open_router
 from zsight.errors import ConnectionLost, ZsightError
-from zsight.identity import Roster, read_identity
+from zsight.keys.identity import Roster, read_identity
 from zsight.log_book import LogBook, start_logging
 from zsight.network import Network
 from zsight.parameters import Parameters, Saved, serve_parameters

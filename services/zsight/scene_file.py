@@ -11,8 +11,8 @@ import numpy as np
 import yaml
 from pydantic import Field, Strict, ValidationError, model_validator
 
+from zsight.catalogue.type_files import Catalogue, shape_of
 from zsight.errors import UsageError
-from zsight.object_catalogue import Catalogue, shape_of
 from zsight_core import transform
 from zsight_protocol.message import Float64, Message, Tuple3, Tuple4
 from zsight_protocol.object_type import Channel8, ShapeOf

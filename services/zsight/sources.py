@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from zsight import object_catalogue, scene_file
+from zsight import scene_file
+from zsight.catalogue import type_files
 from zsight.convert import matrix_of, stamped
 from zsight.errors import UsageError
 from zsight_core import cloud_file, depth_camera, rgbd, transform
@@ -160,7 +161,7 @@ def _ellipses() -> Iterator[Points]:
 
 def _scene(name: str, seed: int | None) -> Source:
     file = scene_file.read(scene_file.find_scene(name))
-    scene = scene_file.build(file, object_catalogue.load(object_catalogue.shipped_folder()))
+    scene = scene_file.build(file, type_files.load(type_files.shipped_folder()))
     stamp = Time.now()
     chain = tuple(stamped(step.T_parent_child, step.parent, step.frame, stamp) for step in file.camera.chain)
     info = camera_info(scene.camera.pinhole, file.camera.frame)

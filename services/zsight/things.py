@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from zsight.object_catalogue import Catalogue
+    from zsight.catalogue.type_files import Catalogue
     from zsight_protocol.find_object import FindObjectResult
     from zsight_protocol.message import Time
 

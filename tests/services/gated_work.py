@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 
-from zsight.action_server import GoalHandle
+from zsight.action.server import GoalHandle
 from zsight_protocol.find_object import FindObjectGoal, FindObjectResult, ResultCode, Status
 from zsight_protocol.message import Header
 

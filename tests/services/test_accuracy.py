@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from zsight import finding, object_catalogue, scene_file
+from zsight import finding, scene_file
+from zsight.catalogue import type_files
 from zsight_core.scene import go_on, understand
 from zsight_core.simulation.camera import expose
 from zsight_core.simulation.kinect import Kinect
@@ -17,7 +18,7 @@ from zsight_core.transform import angle_between, from_rpy
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from zsight.object_catalogue import Catalogue
+    from zsight.catalogue.type_files import Catalogue
     from zsight_core.find import Answer
 
 pytestmark = pytest.mark.usefixtures("warm_kernels")
@@ -50,7 +51,7 @@ def errors(T_world_found: NDArray[np.float64], T_world_true: NDArray[np.float64]
 
 @pytest.fixture(scope="module")
 def catalogue() -> Catalogue:
-    return object_catalogue.load(object_catalogue.shipped_folder())
+    return type_files.load(type_files.shipped_folder())
 
 
 def test_through_kinect_noise_the_block_is_found_to_a_millimetre(catalogue: Catalogue) -> None:

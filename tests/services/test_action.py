@@ -10,9 +10,9 @@ import pytest
 from tests.services.gated_work import Gated
 from tests.services.waiting import DEADLINE, Arrivals, soon
 
-from zsight import action_server
-from zsight.action_client import GoalCall, cancel
-from zsight.action_server import ActionServer, Policy
+from zsight.action import server as action_server
+from zsight.action.client import GoalCall, cancel
+from zsight.action.server import ActionServer, Policy
 from zsight.client import CellClient
 from zsight.errors import DeadlinePassed, NobodyAnswers, RequestRefused, ServerLost, UsageError
 from zsight.finder import Settings
@@ -31,7 +31,7 @@ from zsight_protocol.find_object import FindObjectGoal, FindObjectResult
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from zsight.action_server import HasPolicy
+    from zsight.action.server import HasPolicy
     from zsight.bus import Bus, RawRequest, Reader
 
     Join = Callable[[], Bus]

@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from zsight.action_client import GoalCall, cancel
-from zsight.action_server import ActionServer, GoalHandle, Policy
+from zsight.action.client import GoalCall, cancel
+from zsight.action.server import ActionServer, GoalHandle, Policy
 from zsight.bus import Bus, replies
 from zsight.bus.memory_link import MemoryLink, MemoryNetwork
 from zsight.errors import ConnectionLost, NobodyAnswers, ServerLost

@@ -13,7 +13,7 @@ from tests.services.running import running
 from zsight import voxel
 from zsight.async_client import AsyncCellClient
 from zsight.async_services import AsyncCatalog, AsyncParameters, AsyncPlayer, AsyncRecorder
-from zsight.catalogue_client import Catalog
+from zsight.catalogue.client import Catalog
 from zsight.client import CellClient
 from zsight.errors import NobodyAnswers, RequestRefused
 from zsight.parameter_client import ParameterClient

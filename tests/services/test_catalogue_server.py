@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from zsight import object_catalogue
-from zsight.catalogue_client import Catalog
-from zsight.catalogue_server import serve_catalogue
+from zsight.catalogue import type_files
+from zsight.catalogue.client import Catalog
+from zsight.catalogue.server import serve_catalogue
+from zsight.catalogue.type_files import load, read_type, shipped_folder
 from zsight.errors import NobodyAnswers, RequestRefused, UsageError
-from zsight.object_catalogue import load, read_type, shipped_folder
 from zsight_core.model import Box, size_of
 from zsight_protocol.errors import ProtocolError
 from zsight_protocol.object_type import BoxShape, MeshShape, ObjectType, ShapeOf
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from zsight.bus import Bus
-    from zsight.object_catalogue import Catalogue
+    from zsight.catalogue.type_files import Catalogue
     from zsight_core.model import ObjectModel
 
 CRATE = ObjectType(name="crate", code=77, shape=ShapeOf(box=BoxShape(size=(0.3, 0.2, 0.1))), notes="Fraß, 壊れ物")
@@ -196,14 +196,14 @@ def test_every_finder_learns_of_a_type_and_all_types_are_listed(join_memory: Cal
 def test_a_type_that_goes_while_all_are_looked_at_is_no_error(
     known: Catalogue, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    real = object_catalogue._model_of
+    real = type_files._model_of
 
     def slow(kind: ObjectType, folder: Path) -> ObjectModel:
         if "tea_box" in known.types:
             known.remove("tea_box")
         return real(kind, folder)
 
-    monkeypatch.setattr(object_catalogue, "_model_of", slow)
+    monkeypatch.setattr(type_files, "_model_of", slow)
     assert "tea_box" in [model.name for model in known.models()]
     assert "tea_box" not in [model.name for model in known.models()]
 

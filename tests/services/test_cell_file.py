@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import pytest
 
 from zsight import camera, finder, voxel
-from zsight.cell_file import DEFAULT_TABLE, ProcessEntry, read
 from zsight.errors import UsageError
+from zsight.hosts.cell_file import DEFAULT_TABLE, ProcessEntry, read
 from zsight.services import SERVICES, service
 from zsight.settings import describe, parse
 

@@ -17,7 +17,7 @@ from tests.services.running import running
 from tests.services.waiting import DEADLINE, known, soon
 
 from zsight import camera, cli, finder, planes, voxel
-from zsight.action_server import ActionServer, Policy
+from zsight.action.server import ActionServer, Policy
 from zsight.bus import Bus
 from zsight.bus.zenoh_link import open_link
 from zsight.client import CellClient
@@ -440,7 +440,7 @@ def test_ctrl_c_cancels_this_goal_and_no_other(
     zsight: Zsight, served: Gated, join_cell: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Ctrl-C comes as KeyboardInterrupt while the command waits for its answer."""
-    from zsight.action_client import GoalCall
+    from zsight.action.client import GoalCall
 
     sent: list[str] = []
     wait = GoalCall.wait

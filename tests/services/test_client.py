@@ -12,14 +12,14 @@ from tests.services.gated_work import Gated, result
 from tests.services.told_health import tell_health
 from tests.services.waiting import soon
 
-from zsight.action_server import ActionServer, Policy
+from zsight.action.server import ActionServer, Policy
 from zsight.async_client import AsyncCellClient
-from zsight.catalogue_server import serve_catalogue
+from zsight.catalogue.server import serve_catalogue
+from zsight.catalogue.type_files import load, shipped_folder
 from zsight.client import CellClient, Cloud, answer_of
 from zsight.convert import cloud_from_points
 from zsight.errors import DeadlinePassed, GoalCancelled, NobodyAnswers, RequestRefused, ServerBusy, ZsightError
 from zsight.merging import MergedAnswer, merge
-from zsight.object_catalogue import load, shipped_folder
 from zsight_core.points import from_xyz, xyz
 from zsight_protocol.action import GoalState, Update, new_goal_id
 from zsight_protocol.find_object import DetectedObject, FindObjectGoal, FindObjectResult, ResultCode, Status

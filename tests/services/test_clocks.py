@@ -9,7 +9,7 @@ import pytest
 
 from zsight.bus import Bus
 from zsight.bus.memory_link import MemoryLink, MemoryNetwork
-from zsight.clocks import Clock, ask_clocks
+from zsight.hosts.clocks import Clock, ask_clocks
 from zsight_protocol.codec import encode
 from zsight_protocol.health import Health, Level
 from zsight_protocol.message import Header, Time

@@ -11,11 +11,11 @@ from tests.services.running import running
 from tests.services.waiting import DEADLINE, soon
 
 from zsight import finder
+from zsight.catalogue.type_files import read_type
 from zsight.client import CellClient, answer_of
-from zsight.clocks import Clock
 from zsight.convert import cloud_from_points, matrix_of
 from zsight.errors import DeadlinePassed, GoalCancelled, NobodyAnswers, RequestRefused, UsageError
-from zsight.object_catalogue import read_type
+from zsight.hosts.clocks import Clock
 from zsight.sources import open_source
 from zsight_core import find as find_core
 from zsight_core import scene as scene_core

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING
 import pytest
 from tests.services.waiting import DEADLINE, soon
 
-from zsight.authority import Authority, expiry
 from zsight.bus import Bus
 from zsight.bus.zenoh_link import open_link, open_router
 from zsight.errors import ConnectionLost, NotAllowed, UsageError
-from zsight.identity import Identity, Roster, read_hosts, read_identity
+from zsight.keys.authority import Authority, expiry
+from zsight.keys.identity import Identity, Roster, read_hosts, read_identity
+from zsight.keys.roles import ROLES, access_rules, grants_of
 from zsight.network import Network
-from zsight.roles import ROLES, access_rules, grants_of
 from zsight.services import SERVICES
 from zsight_protocol.channels import CHANNELS, Cell, Delivery
 from zsight_protocol.errors import KeyNameError

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from zsight.catalogue.type_files import Catalogue, load, read_type, shipped_folder, write_type
 from zsight.errors import UsageError
-from zsight.object_catalogue import Catalogue, load, read_type, shipped_folder, write_type
 from zsight_core import open3d_module
 from zsight_core.errors import FileError
 from zsight_core.model import Box, Mesh, size_of

@@ -10,7 +10,7 @@ import pytest
 from tests.core.book_scene import T_WORLD_BLOCK, T_WORLD_CAMERA, TOY_BLOCK
 from tests.core.book_scene import cloud as book_cloud
 
-from zsight import object_catalogue
+from zsight.catalogue import type_files
 from zsight.convert import cloud_from_points, pose_of, stamped
 from zsight.errors import DeadlinePassed
 from zsight.pictures import draw_answer, draw_live
@@ -79,7 +79,7 @@ def live(bus: Bus, *, moving: bool) -> Iterator[None]:
 def test_an_answer_is_drawn_over_the_cloud_of_its_own_camera_where_that_is_now(
     join_memory: Callable[[], Bus], tmp_path: Path
 ) -> None:
-    types = object_catalogue.load(object_catalogue.shipped_folder())
+    types = type_files.load(type_files.shipped_folder())
     draw_answer(tmp_path / "expected.png", POINTS, RESULT, types, T_WORLD_ARM @ T_ARM_CAMERA)
     with live(join_memory(), moving=True):
         draw_live(join_memory(), RESULT, tmp_path / "live.png")

@@ -9,7 +9,8 @@ from tests.services.recorded_answers import Recorded, find_in, record
 from tests.services.running import running
 from tests.services.waiting import soon
 
-from zsight import finder, object_catalogue
+from zsight import finder
+from zsight.catalogue import type_files
 from zsight.client import CellClient
 from zsight.errors import UsageError
 from zsight.recording import player
@@ -44,8 +45,8 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
     return record(lambda: Bus(MemoryLink(network), Cell("test")), tmp_path_factory.mktemp("answers") / "a.mcap")
 
 
-def types() -> object_catalogue.Catalogue:
-    return object_catalogue.load(object_catalogue.shipped_folder())
+def types() -> type_files.Catalogue:
+    return type_files.load(type_files.shipped_folder())
 
 
 def test_every_goal_is_searched_again_and_nothing_has_changed(recorded: Recorded) -> None:

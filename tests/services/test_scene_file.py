@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from zsight import object_catalogue
+from zsight.catalogue import type_files
 from zsight.errors import UsageError
 from zsight.scene_file import build, find_scene, read
 from zsight_core.simulation.kinect import Kinect
@@ -37,7 +37,7 @@ def written(folder: Path, text: str) -> Path:
 
 
 def test_the_books_scene_is_the_books() -> None:
-    scene = build(read(find_scene("book")), object_catalogue.load(object_catalogue.shipped_folder()))
+    scene = build(read(find_scene("book")), type_files.load(type_files.shipped_folder()))
     expected = from_rpy((0.027, 0, 1.810), (0, 1.2, 0)) @ from_quaternion((0, 0, 0), (-0.5, 0.5, -0.5, 0.5))
     np.testing.assert_allclose(scene.camera.T_world_camera, expected, atol=1e-12)
     assert (scene.camera.pinhole.width, scene.camera.pinhole.height) == (640, 480)
@@ -51,7 +51,7 @@ def test_the_books_scene_is_the_books() -> None:
 
 
 def test_a_scene_is_built_as_written(tmp_path: Path) -> None:
-    scene = build(read(written(tmp_path, SCENE)), object_catalogue.load(object_catalogue.shipped_folder()))
+    scene = build(read(written(tmp_path, SCENE)), type_files.load(type_files.shipped_folder()))
     assert scene.file.world_frame == "world"
     assert isinstance(scene.noise, Kinect)
     assert scene.file.noise.seed == 3
@@ -108,7 +108,7 @@ def test_scenes_that_are_not_there_are_named(tmp_path: Path) -> None:
 def test_a_type_that_nobody_knows_is_refused(tmp_path: Path) -> None:
     file = read(written(tmp_path, SCENE.replace("type: cube", "type: cub")))
     with pytest.raises(UsageError, match="did you mean cube"):
-        build(file, object_catalogue.load(object_catalogue.shipped_folder()))
+        build(file, type_files.load(type_files.shipped_folder()))
 
 
 @pytest.mark.parametrize("orientation", ["[0, 0, 0, 0]", "[.nan, 0, 0, 1]"])

@@ -19,11 +19,12 @@ from tests.services.running import running
 from tests.services.waiting import soon
 from tests.system.commands import free_port
 
-from zsight import finder, object_catalogue, planes, viewer, voxel
-from zsight.action_server import ActionServer, GoalHandle, Policy
+from zsight import finder, planes, viewer, voxel
+from zsight.action.server import ActionServer, GoalHandle, Policy
 from zsight.bus import Bus
 from zsight.bus.memory_link import MemoryLink, MemoryNetwork
-from zsight.catalogue_server import serve_catalogue
+from zsight.catalogue import type_files
+from zsight.catalogue.server import serve_catalogue
 from zsight.convert import cloud_from_points, points_of, pose_of
 from zsight.parameters import Parameters, Saved, serve_parameters
 from zsight.recording import player, recorder
@@ -138,7 +139,7 @@ def scene_of(settings: viewer.Settings, folder: Path) -> Iterator[Scene]:
         serve_parameters(own, "here", "finder", "finder", Parameters(finder.Settings(), Saved("test", "finder")))
         work, served = Finder(), stack.enter_context(Bus(MemoryLink(network), cell))
         server = ActionServer(served, "finder", FindObjectGoal, work, Policy())
-        types = serve_catalogue(served, object_catalogue.load(object_catalogue.shipped_folder()), None)
+        types = serve_catalogue(served, type_files.load(type_files.shipped_folder()), None)
         yield Scene(page, stack.enter_context(Bus(MemoryLink(network), cell)), work, folder, flats)
         types.close()
         server.close()
@@ -474,7 +475,7 @@ def test_the_tuned_settings_run_over_a_recording(page: Page, tmp_path: Path) -> 
     page.get_by_text("Recorded file", exact=True).locator("xpath=following::input[1]").fill(str(recorded.path))
     page.get_by_role("button", name="Run these settings over it").click()
     expect(page.get_by_role("button", name="Stop the run")).to_be_enabled()
-    goals = len(rerun(recorded.path, object_catalogue.load(object_catalogue.shipped_folder())))
+    goals = len(rerun(recorded.path, type_files.load(type_files.shipped_folder())))
     expect(page.get_by_text(f"{goals} goals, 0 changed, 0 of them for the worse")).to_be_visible()
     setting(page, "lowest").fill("0.05")
     setting(page, "lowest").press("Enter")

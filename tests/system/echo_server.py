@@ -6,7 +6,7 @@ import sys
 import threading
 import time
 
-from zsight.action_server import ActionServer, GoalHandle, Policy
+from zsight.action.server import ActionServer, GoalHandle, Policy
 from zsight.bus import Bus, RawRequest
 from zsight.bus.zenoh_link import open_link, open_router
 from zsight.network import Network

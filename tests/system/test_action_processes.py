@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from zsight.action_client import GoalCall
+from zsight.action.client import GoalCall
 from zsight.bus import Bus
 from zsight.bus.zenoh_link import open_link
 from zsight.client import CellClient

@@ -13,8 +13,8 @@ from typing import Any
 import pytest
 import yaml
 
-from zsight.identity import read_hosts, read_identity
-from zsight.roles import ROLES
+from zsight.keys.identity import read_hosts, read_identity
+from zsight.keys.roles import ROLES
 from zsight.services import SERVICES, service
 from zsight.settings import parse
 

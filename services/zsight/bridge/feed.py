@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING, Protocol
 
-from zsight import object_catalogue
+from zsight.catalogue import type_files
 from zsight.things import Thing, things_of
 from zsight_protocol.action import Update
 from zsight_protocol.channels import Delivery
@@ -70,7 +70,7 @@ class _Answers:
 
     def __init__(self, reader: Reader[Update[FindObjectResult]]) -> None:
         self._reader = reader
-        self._catalogue = object_catalogue.load(object_catalogue.shipped_folder())
+        self._catalogue = type_files.load(type_files.shipped_folder())
         self._found: dict[str, list[Thing]] = {}
 
     def take(self) -> bool:

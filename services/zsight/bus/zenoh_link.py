@@ -15,19 +15,20 @@ from typing import TYPE_CHECKING, Any
 import zenoh
 from zenoh import ext, handlers
 
-from zsight import identity, limits
+from zsight import limits
 from zsight.bus.buffer_ring import BufferRing
 from zsight.bus.link import Arrival, Closable, RequestHandler
 from zsight.errors import ConnectionLost, NotAllowed, RequestRefused, UsageError
-from zsight.identity import read_hosts, read_identity
+from zsight.keys import identity
+from zsight.keys.identity import read_hosts, read_identity
+from zsight.keys.roles import access_rules, grants_of
 from zsight.reaching import what_happened
-from zsight.roles import access_rules, grants_of
 from zsight_protocol.channels import Delivery
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from zsight.identity import Identity
+    from zsight.keys.identity import Identity
     from zsight.network import Network
     from zsight_protocol.point_cloud import Buffer
 

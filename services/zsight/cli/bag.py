@@ -421,12 +421,12 @@ def rerun(
     json: Json = False,
 ) -> None:
     """Every recorded goal once more against its own cloud, with today's code; exit code 1 on regressions."""
-    from zsight import object_catalogue
+    from zsight.catalogue import type_files
     from zsight.recording.rerun import Tolerance
     from zsight.recording.rerun import rerun as run_again
 
-    folders = [object_catalogue.shipped_folder(), *([catalogue] if catalogue is not None else [])]
-    types = object_catalogue.load(*folders)
+    folders = [type_files.shipped_folder(), *([catalogue] if catalogue is not None else [])]
+    types = type_files.load(*folders)
     with _line() as line:
         rows = run_again(
             file,

@@ -73,7 +73,7 @@ def add(
     namespace: Namespace = None,
 ) -> None:
     """Add a type, or change the one of its name; a mesh that lies beside the file goes along."""
-    from zsight.object_catalogue import mesh_beside, read_type
+    from zsight.catalogue.type_files import mesh_beside, read_type
 
     kind = read_type(file)
     mesh = mesh_beside(kind, file)
@@ -122,7 +122,7 @@ def teach(
 
     With --cloud it is measured in a file, and only written (--output) or printed.
     """
-    from zsight.object_catalogue import write_type
+    from zsight.catalogue.type_files import write_type
 
     place = None if at is None else _place(at)
     if cloud is not None:

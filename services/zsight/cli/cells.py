@@ -20,7 +20,7 @@ from zsight.errors import ConnectionLost, NobodyAnswers, UsageError, ZsightError
 from zsight.network import endpoints_of
 
 if TYPE_CHECKING:
-    from zsight.cell_file import CellFile
+    from zsight.hosts.cell_file import CellFile
     from zsight.network import Network
 
 __all__ = ["down", "up"]
@@ -45,8 +45,8 @@ def up(
     quiet: Annotated[bool, typer.Option("--quiet", help="Do not pass on the services' logs.")] = False,
 ) -> None:
     """Start the processes of a cell on this host; restart what dies; Ctrl-C stops all."""
-    from zsight import cell_file
-    from zsight.supervisor import Supervisor
+    from zsight.hosts import cell_file
+    from zsight.hosts.supervisor import Supervisor
 
     if hosts:
         _show_hosts(network_of(connect, namespace), as_json=json)
@@ -75,8 +75,8 @@ def up(
 
 def _show_hosts(network: Network, *, as_json: bool) -> None:
     """Every process of every host: those of supervisors, and those that were started otherwise."""
-    from zsight.beats import ask_health
-    from zsight.host_reports import ask_hosts
+    from zsight.hosts.beats import ask_health
+    from zsight.hosts.reports import ask_hosts
     from zsight.runtime import join
 
     with join(network) as bus:

@@ -11,7 +11,7 @@ from zsight.cli.options import Connect, Json, Namespace, network_of
 from zsight.cli.output import print_json
 
 if TYPE_CHECKING:
-    from zsight.doctor import Finding
+    from zsight.hosts.doctor import Finding
 
 __all__ = ["doctor"]
 
@@ -25,7 +25,7 @@ def doctor(
     namespace: Namespace = None,
 ) -> None:
     """Look at this host and its cell; exit code 1 where something has failed."""
-    from zsight.doctor import FAILED, examine
+    from zsight.hosts.doctor import FAILED, examine
 
     findings = []
     for finding in examine(network_of(connect, namespace), process=process):

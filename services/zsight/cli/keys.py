@@ -12,7 +12,7 @@ from zsight.cli.output import print_json, print_table, say
 from zsight_protocol.channels import DEFAULT_NAMESPACE
 
 if TYPE_CHECKING:
-    from zsight.authority import Authority
+    from zsight.keys.authority import Authority
 
 __all__ = ["app"]
 
@@ -73,8 +73,8 @@ def revoke(host: Host, folder: Folder = _FOLDER) -> None:
 @app.command(name="list")
 def list_hosts(folder: Folder = _FOLDER, json: Json = False) -> None:
     """Hosts that may join, their roles, and when their certificates end."""
-    from zsight.authority import expiry
-    from zsight.identity import CERTIFICATE
+    from zsight.keys.authority import expiry
+    from zsight.keys.identity import CERTIFICATE
 
     hosts = _authority(folder).hosts()
     ends = {host.host: expiry(folder / host.host / CERTIFICATE) for host in hosts}
@@ -91,6 +91,6 @@ def list_hosts(folder: Folder = _FOLDER, json: Json = False) -> None:
 
 
 def _authority(folder: Path) -> Authority:
-    from zsight.authority import Authority
+    from zsight.keys.authority import Authority
 
     return Authority(folder)

@@ -81,7 +81,7 @@ def info(
 @app.command()
 def clocks(json: Json = False, connect: Connect = None, namespace: Namespace = None) -> None:
     """How far the clock of every host is from this one's; exit code 1 where one is more than 20 ms off."""
-    from zsight.clocks import ask_clocks
+    from zsight.hosts.clocks import ask_clocks
     from zsight.runtime import join
 
     network = network_of(connect, namespace)
@@ -102,8 +102,8 @@ def _beats(connect: str | None, namespace: str | None) -> list[Health]:
 
 
 def _beats_and_hosts(connect: str | None, namespace: str | None) -> tuple[list[Health], list[HostReport]]:
-    from zsight.beats import ask_health
-    from zsight.host_reports import ask_hosts
+    from zsight.hosts.beats import ask_health
+    from zsight.hosts.reports import ask_hosts
     from zsight.runtime import join
 
     network = network_of(connect, namespace)

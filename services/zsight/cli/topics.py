@@ -19,9 +19,9 @@ from zsight.errors import DeadlinePassed, NobodyAnswers
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from zsight.beats import Topic
     from zsight.bus import Bus, RawSample
     from zsight.bus.attachment import Attachment
+    from zsight.hosts.beats import Topic
     from zsight_protocol.health import Health, Latency
     from zsight_protocol.message import Message
     from zsight_protocol.point_cloud import PointCloud2
@@ -267,7 +267,7 @@ def _looks(
     count: int | None, duration: float | None, connect: str | None, namespace: str | None
 ) -> Iterator[list[Topic]]:
     """What is written and read, again and again: so often, or so long, or once."""
-    from zsight.beats import ask_health, topics_of
+    from zsight.hosts.beats import ask_health, topics_of
     from zsight.runtime import join
 
     most = 1 if count is None and duration is None else count

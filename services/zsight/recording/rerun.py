@@ -23,7 +23,7 @@ from zsight_core.transform import angle_between
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from zsight.object_catalogue import Catalogue
+    from zsight.catalogue.type_files import Catalogue
     from zsight.recording.answers import Answer
     from zsight_protocol.find_object import DetectedObject, FindObjectResult
 

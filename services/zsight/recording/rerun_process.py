@@ -9,7 +9,7 @@ import signal
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from zsight import object_catalogue
+from zsight.catalogue import type_files
 from zsight.errors import ZsightError
 from zsight.recording.rerun import rerun
 from zsight_core.errors import CoreError
@@ -91,7 +91,7 @@ def _run(path: Path, folders: tuple[Path, ...], limits: SceneLimits, words: Conn
     with contextlib.suppress(OSError):
         os.nice(_NICE)
     try:
-        types = object_catalogue.load(object_catalogue.shipped_folder(), *folders)
+        types = type_files.load(type_files.shipped_folder(), *folders)
         rerun(path, types, limits=limits, say=lambda row, share: words.send(("row", row, share)))
     except (ZsightError, CoreError, OSError) as error:
         words.send(("end", str(error)))

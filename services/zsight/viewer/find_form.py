@@ -17,7 +17,7 @@ from zsight_protocol.find_object import Capture
 if TYPE_CHECKING:
     import viser
 
-    from zsight.action_client import GoalCall
+    from zsight.action.client import GoalCall
     from zsight.bus import Bus
     from zsight.viewer.goals import Goals
     from zsight.viewer.region import RegionOfInterest

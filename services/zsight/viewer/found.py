@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from zsight import object_catalogue
+from zsight.catalogue import type_files
 from zsight.things import things_of
 from zsight.viewer.frames import place
 
@@ -35,7 +35,7 @@ class FoundObjects:
         self._rejected = server.gui.add_checkbox("Rejected", False, hint="Candidates that were looked at and rejected")
         self._rejected.on_update(lambda _: self._redraw())
         server.gui.add_button("Clear found objects").on_click(lambda _: self.clear())
-        self._catalogue = object_catalogue.load(object_catalogue.shipped_folder())
+        self._catalogue = type_files.load(type_files.shipped_folder())
         self._results: dict[str, FindObjectResult] = {}
         self._nodes: list[str] = []
         self._places: list[NDArray[np.float64]] = []

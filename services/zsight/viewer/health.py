@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from viser import uplot
 
-from zsight.beats import topics_of
+from zsight.hosts.beats import topics_of
 from zsight_protocol.channels import Delivery
 from zsight_protocol.health import Health, Level
 

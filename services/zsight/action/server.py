@@ -14,8 +14,8 @@ from collections import deque
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
 
+from zsight.action.status_board import StatusBoard
 from zsight.errors import ConnectionLost, ZsightError
-from zsight.status_board import StatusBoard
 from zsight_core.errors import Cancelled, CoreError
 from zsight_protocol.action import (
     ENDED,

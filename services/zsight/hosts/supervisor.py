@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from zsight.bus import Bus, RawRequest
-    from zsight.cell_file import ProcessEntry
+    from zsight.hosts.cell_file import ProcessEntry
     from zsight.network import Network
 
 __all__ = ["Child", "Supervisor"]

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from zsight.catalogue.type_files import REMOVED, Catalogue, read_type, require_type_name, write_type
 from zsight.convert import pose_of
 from zsight.errors import UsageError, ZsightError
-from zsight.object_catalogue import REMOVED, Catalogue, read_type, require_type_name, write_type
 from zsight_core.atomic_file import atomic_file
 from zsight_core.errors import CoreError
 from zsight_core.mesh_file import read as read_mesh

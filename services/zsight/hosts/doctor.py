@@ -19,11 +19,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from zsight import shared_memory
-from zsight.beats import ask_health
-from zsight.clocks import ask_clocks
 from zsight.convert import cloud_from_points, points_of
 from zsight.errors import NotAllowed, ZsightError
-from zsight.identity import CERTIFICATE, read_identity
+from zsight.hosts.beats import ask_health
+from zsight.hosts.clocks import ask_clocks
+from zsight.keys.identity import CERTIFICATE, read_identity
 from zsight.reaching import trouble_at
 from zsight.runtime import host_name, join, version
 from zsight.transforms import TransformBuffer, TransformUnknown
@@ -172,7 +172,7 @@ def _certificate(network: Network) -> Finding:
         return Finding(
             "certificate", SKIPPED, "cryptography is not installed", "pip install 'zsight[keys]' to look at it"
         )
-    from zsight.authority import expiry, name_in
+    from zsight.keys.authority import expiry, name_in
 
     name, end = name_in(folder / CERTIFICATE), expiry(folder / CERTIFICATE)
     found = f"{name}, {', '.join(identity.roles)}, good until {end:%Y-%m-%d}"

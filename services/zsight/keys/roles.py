@@ -10,7 +10,7 @@ from zsight.errors import UsageError
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
-    from zsight.identity import Identity
+    from zsight.keys.identity import Identity
 
 __all__ = ["ROLES", "Grants", "access_rules", "grants_of", "require_roles"]
 

@@ -21,8 +21,8 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from zsight.errors import UsageError
-from zsight.identity import CA, CERTIFICATE, HOSTS, IDENTITY, KEY, TRUSTED, Identity, read_hosts, write_hosts
-from zsight.roles import require_roles
+from zsight.keys.identity import CA, CERTIFICATE, HOSTS, IDENTITY, KEY, TRUSTED, Identity, read_hosts, write_hosts
+from zsight.keys.roles import require_roles
 from zsight_core.atomic_file import atomic_file
 from zsight_protocol.channels import require_name
 

@@ -1,0 +1,1 @@
+"""Actions: goals that take time, their updates, and one answer each."""

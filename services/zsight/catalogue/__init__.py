@@ -1,0 +1,1 @@
+"""The catalogue of object types: its files, its server, its client, and teaching a new type."""

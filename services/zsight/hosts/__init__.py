@@ -1,0 +1,1 @@
+"""What runs on which host: started, watched, checked."""

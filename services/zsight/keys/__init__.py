@@ -1,0 +1,1 @@
+"""Keys and roles: who may do what on a network."""
