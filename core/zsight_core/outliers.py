@@ -107,11 +107,15 @@ def _add_distances_in(cloud: Words, edge: float, count: int, far: NDArray[np.flo
 
 
 def _first_edge(cloud: Words, finite: int, count: int, room: NDArray[np.float32]) -> float:
-    """A cell's edge that reaches the `count`-th nearest of most points, as a sample of the finite ones tells."""
+    """A cell's edge that reaches the `count`-th nearest of half of the points, as a sample of the finite ones tells.
+
+    Wide enough for most, it would be far too wide where points are dense: a camera sees what is near four to twenty
+    times as densely as what is far. To try again with twice the edge costs less.
+    """
     sample = np.linspace(0, finite - 1, _SAMPLE).astype(np.int64)
     farthest = _choose(cloud.words, cloud.layout, sample)
     reach = _reaches(cloud.words, cloud.layout, sample, count, room)
-    return max(float(np.quantile(reach, 0.9)), farthest * 1e-5, 1e-6)
+    return max(float(np.median(reach)), farthest * 1e-5, 1e-6)
 
 
 @njit(cache=True, nogil=True)
