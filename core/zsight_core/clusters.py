@@ -10,7 +10,7 @@ from numba import njit
 
 from zsight_core.disjoint_sets import root_of
 from zsight_core.errors import GeometryError, PointsError
-from zsight_core.neighbour_grid import cell_at, grid_of
+from zsight_core.neighbour_grid import grid_of
 from zsight_core.tile import TILE, load_tile, new_tile
 from zsight_core.words import words_of
 
@@ -121,22 +121,22 @@ def _labelled(
 ) -> NDArray[np.int32]:
     """Cluster the chosen points (N,)."""
     grid = grid_of(cloud, tolerance / math.sqrt(3.0), chosen)
-    root_of_cell = _joined(grid.xyz, grid.starts, grid.keys, grid.table, tolerance)
+    root_of_cell = _joined(grid.xyz, grid.starts, grid.keys, tolerance)
     root = _roots_of_points(root_of_cell, grid.starts, grid.order, cloud.count)
     del grid
     return _numbered(root, least, cloud.count if most is None else most).reshape(cloud.shape)
 
 
-def _steps() -> NDArray[np.int64]:
-    """The 62 cells (half of those around) that can hold a point within the tolerance, the nearest first: (62, 3)."""
-    z, y, x = (axis.ravel() - 2 for axis in np.indices((5, 5, 5)))
-    steps = np.column_stack([x, y, z])[63:]
-    return steps[
-        np.argsort((np.maximum(np.abs(steps) - 1, 0) ** 2).sum(axis=1) * 100 + (steps**2).sum(axis=1), kind="stable")
-    ]
+def _rows() -> NDArray[np.int64]:
+    """Steps in key to the 13 rows of cells along x (half of those around) that can hold a point near, nearest first."""
+    z, y = (axis.ravel() - 2 for axis in np.indices((5, 5)))
+    far = np.maximum(np.abs(y) - 1, 0) ** 2 + np.maximum(np.abs(z) - 1, 0) ** 2
+    nearest_first = np.argsort(far * 100 + y**2 + z**2, kind="stable")
+    steps = (y << 21) + (z << 42)
+    return steps[nearest_first[steps[nearest_first] >= 0]]
 
 
-_STEPS = _steps()
+_ROWS = _rows()
 
 
 @njit(cache=True, nogil=True)
@@ -165,25 +165,31 @@ def _joined(
     xyz: NDArray[np.float32],
     starts: NDArray[np.int32],
     keys: NDArray[np.int64],
-    table: NDArray[np.int32],
     tolerance: float,
-) -> NDArray[np.int64]:
+) -> NDArray[np.int32]:
     """Root of each cell after joining all cells that hold points within the tolerance of each other."""
     cells = len(keys)
-    parent = np.arange(cells)
+    parent = np.arange(cells).astype(np.int32)
     boxes = _boxes(xyz, starts)
     limit = np.float32(tolerance) * np.float32(tolerance)
-    for step in _STEPS:
-        jump = step[0] + (step[1] << 21) + (step[2] << 42)
+    for step in _ROWS:
+        first = 0
         for here in range(cells):
-            there = cell_at(keys, table, keys[here] + jump)
-            if there < 0:
-                continue
-            mine, other = root_of(parent, here), root_of(parent, there)
-            if mine == other or _box_gap(boxes[here], boxes[there]) > limit:
-                continue
-            if _touch(xyz, starts[here], starts[here + 1], starts[there], starts[there + 1], boxes[there], limit):
-                parent[max(mine, other)] = min(mine, other)
+            low, high = keys[here] + (step - 2 if step else 1), keys[here] + step + 2
+            while first < cells and keys[first] < low:
+                first += 1
+            there = first
+            while there < cells and keys[there] <= high:
+                mine, other = root_of(parent, here), root_of(parent, there)
+                if (
+                    mine != other
+                    and _box_gap(boxes[here], boxes[there]) <= limit
+                    and _touch(
+                        xyz, starts[here], starts[here + 1], starts[there], starts[there + 1], boxes[there], limit
+                    )
+                ):
+                    parent[max(mine, other)] = min(mine, other)
+                there += 1
     for cell in range(cells):
         parent[cell] = root_of(parent, cell)
     return parent
@@ -195,9 +201,9 @@ def _boxes(xyz: NDArray[np.float32], starts: NDArray[np.int32]) -> NDArray[np.fl
     boxes = np.empty((len(starts) - 1, 6), np.float32)
     for cell in range(len(boxes)):
         for axis in range(3):
-            low = high = xyz[starts[cell], axis]
+            low = high = xyz[axis, starts[cell]]
             for i in range(starts[cell] + 1, starts[cell + 1]):
-                low, high = min(low, xyz[i, axis]), max(high, xyz[i, axis])
+                low, high = min(low, xyz[axis, i]), max(high, xyz[axis, i])
             boxes[cell, axis], boxes[cell, 3 + axis] = low, high
     return boxes
 
@@ -219,14 +225,14 @@ def _touch(
     """True where a point of one stretch lies within the limit (squared) of a point of the other, which `box` bounds."""
     zero = np.float32(0)
     for i in range(first, last):
-        x, y, z = xyz[i, 0], xyz[i, 1], xyz[i, 2]
+        x, y, z = xyz[0, i], xyz[1, i], xyz[2, i]
         gap_x = max(zero, box[0] - x, x - box[3])
         gap_y = max(zero, box[1] - y, y - box[4])
         gap_z = max(zero, box[2] - z, z - box[5])
         if gap_x * gap_x + gap_y * gap_y + gap_z * gap_z > limit:
             continue
         for j in range(other_first, other_last):
-            dx, dy, dz = x - xyz[j, 0], y - xyz[j, 1], z - xyz[j, 2]
+            dx, dy, dz = x - xyz[0, j], y - xyz[1, j], z - xyz[2, j]
             if dx * dx + dy * dy + dz * dz <= limit:
                 return True
     return False
@@ -234,7 +240,7 @@ def _touch(
 
 @njit(cache=True, nogil=True)
 def _roots_of_points(
-    root_of_cell: NDArray[np.int64],
+    root_of_cell: NDArray[np.int32],
     starts: NDArray[np.int32],
     order: NDArray[np.int32],
     count: int,

@@ -49,7 +49,7 @@ def normals(
     found = array_for((*words.shape, 3), np.float32, out)
     found[:] = np.nan
     grid = grid_of(words, radius)
-    _normals(grid.xyz, grid.starts, grid.keys, grid.table, grid.order, radius, found.reshape(-1, 3))
+    _normals(grid.xyz, grid.starts, grid.keys, grid.order, radius, found.reshape(-1, 3))
     return found
 
 
@@ -58,20 +58,20 @@ def _normals(
     xyz: NDArray[np.float32],
     starts: NDArray[np.int32],
     keys: NDArray[np.int64],
-    table: NDArray[np.int32],
     index: NDArray[np.int32],
     radius: float,
     out: NDArray[np.float32],
 ) -> None:
     limit = np.float32(radius) * np.float32(radius)
     room, sums, normal = np.empty((3, 1024), np.float32), np.empty(10), np.empty(3)
+    rows = np.zeros(9, np.int64)
     for cell in range(len(keys)):
-        room, count = block_around(xyz, starts, keys, table, cell, room)
+        room, count = block_around(xyz, starts, keys, cell, rows, room)
         for i in range(starts[cell], starts[cell + 1]):
-            _sums_within(room[0, :count], room[1, :count], room[2, :count], xyz[i], limit, sums)
+            _sums_within(room[0, :count], room[1, :count], room[2, :count], xyz[:, i], limit, sums)
             if sums[0] < 3 or not _least_axis(sums, normal):
                 continue
-            away = normal[0] * xyz[i, 0] + normal[1] * xyz[i, 1] + normal[2] * xyz[i, 2] > 0
+            away = normal[0] * xyz[0, i] + normal[1] * xyz[1, i] + normal[2] * xyz[2, i] > 0
             for axis in range(3):
                 out[index[i], axis] = -normal[axis] if away else normal[axis]
 
