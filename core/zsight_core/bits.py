@@ -42,6 +42,8 @@ class Bits(NamedTuple):
     """(N, 3) metres."""
     azimuth: NDArray[np.float64]
     """(N,) radians; the level way a bit faces."""
+    ways: NDArray[np.float64]
+    """(N, 2) cosine and sine of azimuth."""
     kind: NDArray[np.int8]
     """(N,) class of steepness, or RIM."""
     support: NDArray[np.int8]
@@ -85,10 +87,10 @@ def _bits(  # noqa: C901  one compiled loop over cells; splitting it would pass 
     grid: NDArray[np.int32],
     depth: NDArray[np.float32],
     gates: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int8], NDArray[np.int8]]:
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.int8], NDArray[np.int8]]:
     """The fields of Bits."""
     total = len(row)
-    where, azimuth = np.empty((2 * total, 3)), np.empty(2 * total)
+    where, azimuth, ways = np.empty((2 * total, 3)), np.empty(2 * total), np.empty((2 * total, 2))
     kind, over = np.empty(2 * total, np.int8), np.empty(2 * total, np.int8)
     count = 0
     for i in range(total):
@@ -96,6 +98,8 @@ def _bits(  # noqa: C901  one compiled loop over cells; splitting it would pass 
         if (row[i] + column[i]) % 2 == 0 and nx * nx + ny * ny > STEEP_CELL * STEEP_CELL:
             where[count] = points[i]
             azimuth[count] = np.arctan2(ny, nx)
+            length = np.sqrt(nx * nx + ny * ny)
+            ways[count, 0], ways[count, 1] = nx / length, ny / length
             kind[count] = min(CLASSES - 1, int(np.arccos(min(1.0, max(-1.0, nz))) / CLASS_WIDTH))
             over[count] = support[i]
             count += 1
@@ -132,10 +136,12 @@ def _bits(  # noqa: C901  one compiled loop over cells; splitting it would pass 
             continue
         where[count] = points[i]
         azimuth[count] = np.arctan2(-sy, -sx)
+        length = np.sqrt(sx * sx + sy * sy)
+        ways[count, 0], ways[count, 1] = -sx / length, -sy / length
         kind[count] = RIM
         over[count] = support[i]
         count += 1
-    return where[:count], azimuth[:count], kind[:count], over[:count]
+    return where[:count], azimuth[:count], ways[:count], kind[:count], over[:count]
 
 
 @njit(cache=True, nogil=True)

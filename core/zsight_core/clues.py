@@ -186,7 +186,7 @@ class Clues:
 
 
 NOTHING = Clues(
-    Bits(np.zeros((0, 3)), np.zeros(0), np.zeros(0, np.int8), np.zeros(0, np.int8)),
+    Bits(np.zeros((0, 3)), np.zeros(0), np.zeros((0, 2)), np.zeros(0, np.int8), np.zeros(0, np.int8)),
     [],
     [],
     [],
