@@ -110,7 +110,7 @@ def _places(
     lows = np.maximum(np.array([stand.low for stand in stands]) - BEYOND * bits.reach, clues.middles[0])
     highs = np.minimum(np.array([stand.high for stand in stands]) + BEYOND * bits.reach, clues.middles[1])
     return _propose(
-        *clues.bits,
+        *clues.bits[:-1],
         bits.start,
         bits.faced,
         bits.reach,
