@@ -42,10 +42,19 @@ class Bits(NamedTuple):
     """(N, 3) metres."""
     azimuth: NDArray[np.float64]
     """(N,) radians; the level way a bit faces."""
+    ways: NDArray[np.float64]
+    """(N, 2) cosine and sine of azimuth."""
     kind: NDArray[np.int8]
     """(N,) class of steepness, or RIM."""
     support: NDArray[np.int8]
     """(N,)"""
+    cell: NDArray[np.int32]
+    """(N,) number of the cell it was seen in."""
+
+    def only(self, chosen: NDArray[np.bool_]) -> Bits:
+        """Those that are chosen (N,)."""
+        ways, kind, support = self.ways[chosen], self.kind[chosen], self.support[chosen]
+        return Bits(self.points[chosen], self.azimuth[chosen], ways, kind, support, self.cell[chosen])
 
 
 def bits_of(cells: Cells, grid: NDArray[np.int32], depth: NDArray[np.float32], gates: NDArray[np.float64]) -> Bits:
@@ -85,19 +94,28 @@ def _bits(  # noqa: C901  one compiled loop over cells; splitting it would pass 
     grid: NDArray[np.int32],
     depth: NDArray[np.float32],
     gates: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int8], NDArray[np.int8]]:
+) -> tuple[
+    NDArray[np.float64],
+    NDArray[np.float64],
+    NDArray[np.float64],
+    NDArray[np.int8],
+    NDArray[np.int8],
+    NDArray[np.int32],
+]:
     """The fields of Bits."""
     total = len(row)
-    where, azimuth = np.empty((2 * total, 3)), np.empty(2 * total)
-    kind, over = np.empty(2 * total, np.int8), np.empty(2 * total, np.int8)
+    where, azimuth, ways = np.empty((2 * total, 3)), np.empty(2 * total), np.empty((2 * total, 2))
+    kind, over, cell = np.empty(2 * total, np.int8), np.empty(2 * total, np.int8), np.empty(2 * total, np.int32)
     count = 0
     for i in range(total):
         nx, ny, nz = normals[i, 0], normals[i, 1], normals[i, 2]
         if (row[i] + column[i]) % 2 == 0 and nx * nx + ny * ny > STEEP_CELL * STEEP_CELL:
             where[count] = points[i]
             azimuth[count] = np.arctan2(ny, nx)
+            length = np.sqrt(nx * nx + ny * ny)
+            ways[count, 0], ways[count, 1] = nx / length, ny / length
             kind[count] = min(CLASSES - 1, int(np.arccos(min(1.0, max(-1.0, nz))) / CLASS_WIDTH))
-            over[count] = support[i]
+            over[count], cell[count] = support[i], i
             count += 1
         if nz < LEVEL_CELL:
             continue
@@ -132,10 +150,12 @@ def _bits(  # noqa: C901  one compiled loop over cells; splitting it would pass 
             continue
         where[count] = points[i]
         azimuth[count] = np.arctan2(-sy, -sx)
+        length = np.sqrt(sx * sx + sy * sy)
+        ways[count, 0], ways[count, 1] = -sx / length, -sy / length
         kind[count] = RIM
-        over[count] = support[i]
+        over[count], cell[count] = support[i], i
         count += 1
-    return where[:count], azimuth[:count], kind[:count], over[:count]
+    return where[:count], azimuth[:count], ways[:count], kind[:count], over[:count], cell[:count]
 
 
 @njit(cache=True, nogil=True)

@@ -26,7 +26,7 @@ from zsight_core.solid import Solid, solid_of
 from zsight_core.verify import Evidence
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator, Sequence
 
     from numpy.typing import NDArray
 
@@ -103,6 +103,11 @@ DOUBTFUL = 0.15
 """Probability from which a candidate is fitted once more."""
 
 
+SURE = 0.97, 0.7, 0.85
+"""Probability, share of the outline that is seen, and share of that which says yes, from which what a candidate
+explains is not looked at for further types."""
+
+
 class Candidate(NamedTuple):
     """A hypothesis with what the image says of it."""
 
@@ -139,7 +144,8 @@ class _Known(NamedTuple):
     counts: Counts
 
 
-_known: WeakKeyDictionary[Scene, dict[int, _Known]] = WeakKeyDictionary()
+_known: WeakKeyDictionary[Scene, dict[tuple[int, ...], _Known]] = WeakKeyDictionary()
+"""By the shapes that were asked for, the one looked for last."""
 
 
 class Candidates:
@@ -153,13 +159,31 @@ class Candidates:
 
     def of(self, model: ObjectModel) -> tuple[Trials, Counts]:
         """All candidates of a type; in a scene each type is looked for once."""
-        known = self._known.get(id(model.shape))
-        if known is None:
-            tried, kept, counts = self.among(model, self.clues)
-            settled = [self._settled(model.shape, solid_of(model.shape), candidate, tried) for candidate in kept]
-            trials = Trials(tried, [best for best, _ in settled], [alike for _, alike in settled])
-            known = self._known[id(model.shape)] = _Known(model.shape, trials, counts)
-        return known.trials, known.counts
+        return next(self.in_turn([model]))
+
+    def in_turn(self, models: Sequence[ObjectModel]) -> Iterator[tuple[Trials, Counts]]:
+        """Candidates of some types, each looked for in what those before it leave unexplained; once in a scene."""
+        clues, explained = self.clues, np.zeros(self.scene.view.depth.size, np.bool_)
+        for number, model in enumerate(models):
+            asked = tuple(id(other.shape) for other in models[: number + 1])
+            known = self._known.get(asked)
+            if known is None:
+                tried, kept, counts = self.among(model, clues)
+                settled = [self._settled(model.shape, solid_of(model.shape), candidate, tried) for candidate in kept]
+                trials = Trials(tried, [best for best, _ in settled], [alike for _, alike in settled])
+                known = self._known[asked] = _Known(model.shape, trials, counts)
+            yield known.trials, known.counts
+            sure = [candidate for candidate in known.trials.kept if _is_sure(candidate)]
+            for candidate in sure:
+                self._explain(model, candidate, explained)
+            clues = clues.without(explained) if sure else clues
+
+    def _explain(self, model: ObjectModel, candidate: Candidate, explained: NDArray[np.bool_]) -> None:
+        """Mark the pixels (H * W,) that show the surface of a candidate, in place."""
+        width = self.scene.view.depth.shape[1]
+        first = self.claim(model, candidate).pixels
+        for beside in (0, 1, width, width + 1):  # a claim holds every second pixel of every second row
+            explained[np.minimum(first + beside, len(explained) - 1)] = True
 
     def claim(self, model: ObjectModel, candidate: Candidate) -> Claim:
         """What a candidate of a type explains."""
@@ -170,7 +194,7 @@ class Candidates:
 
     def knows(self, model: ObjectModel) -> bool:
         """True where the type was looked for already."""
-        return id(model.shape) in self._known
+        return (id(model.shape),) in self._known
 
     def among(
         self,
@@ -284,6 +308,13 @@ def rank_of(candidate: Candidate) -> float:
 def net(candidate: Candidate) -> float:
     """Pixels that it explains, less those that speak against it."""
     return candidate.evidence.match - 2 * candidate.evidence.through
+
+
+def _is_sure(candidate: Candidate) -> bool:
+    """True where it is probable, and the outline seen says so: something else that explains its pixels is not there."""
+    evidence = candidate.evidence
+    least = candidate.probability, evidence.outlined, evidence.outline
+    return all(value > limit for value, limit in zip(least, SURE, strict=True))
 
 
 def near(a: Hypothesis, b: Hypothesis, metres: float, degrees: float) -> bool:

@@ -42,6 +42,9 @@ LOWEST_UNSEEN = 0.015
 ONE_HEIGHT = 0.006
 """Metres within which two heights are one."""
 
+EXPLAINED = 0.8
+"""Share of a patch's cells that are explained from which nothing else is thought to end at its height."""
+
 AROUND = 0.01
 """Metres beyond a place that still count as of it."""
 
@@ -131,6 +134,10 @@ class Clues:
     """Standard deviation of 1 / z, 1/m."""
     frames: list[NDArray[np.float64]]
     """T_optical_support (4, 4) of each support."""
+    pixels: NDArray[np.int64]
+    """(C,) number of the pixel of each cell."""
+    tops: list[tuple[Top, slice]]
+    """Where all patches reach their heights, and which cells are theirs."""
     middles: tuple[NDArray[np.float64], NDArray[np.float64]] = (np.full(2, -np.inf), np.full(2, np.inf))
     """Low and high corner (2,) between which the middle of what stands here must be, x and y, metres."""
     heights: tuple[float, float] = (-np.inf, np.inf)
@@ -164,12 +171,28 @@ class Clues:
         here = Top(0.0, place - apart, place + apart, support)
         return replace(
             self,
-            bits=Bits(*(column[near] for column in self.bits)),
+            bits=self.bits.only(near),
             surfaces=[stand for stand in self.surfaces if here.overlaps(stand)],
             carriers=[stand for stand in self.carriers if here.overlaps(stand)],
             crests=[top for top in self.crests if here.overlaps(top)],
             middles=(here.low, here.high),
             heights=heights,
+        )
+
+    def without(self, explained: NDArray[np.bool_]) -> Clues:
+        """What is left where some pixels are explained.
+
+        Args:
+            explained: (H * W,) True for pixels that show what is known to be there.
+        """
+        cells = explained[self.pixels]
+        left = ~cells[self.bits.cell]
+        tops = [(top, cells_of) for top, cells_of in self.tops if cells[cells_of].mean() < EXPLAINED]
+        return replace(
+            self,
+            bits=self.bits.only(left),
+            tops=tops,
+            crests=_each_once([top for top, _ in tops]),
         )
 
     def stands(self, tall: float) -> list[Stand]:
@@ -186,7 +209,14 @@ class Clues:
 
 
 NOTHING = Clues(
-    Bits(np.zeros((0, 3)), np.zeros(0), np.zeros(0, np.int8), np.zeros(0, np.int8)),
+    Bits(
+        np.zeros((0, 3)),
+        np.zeros(0),
+        np.zeros((0, 2)),
+        np.zeros(0, np.int8),
+        np.zeros(0, np.int8),
+        np.zeros(0, np.int32),
+    ),
     [],
     [],
     [],
@@ -194,6 +224,8 @@ NOTHING = Clues(
     np.zeros((1, 1), np.float32),
     (1.0, 1.0, 0.0, 0.0),
     1e-3,
+    [],
+    np.zeros(0, np.int64),
     [],
 )
 """The clues of a scene in which nothing is seen."""
@@ -219,33 +251,52 @@ def _collect(scene: Scene) -> Clues:
     return Clues(
         bits=bits_of(cells, grid, depth, HEIGHT_GATE + 2.5 * scene.noise * z * z),
         surfaces=[_occupied(cells, k) for k in range(len(scene.supports)) if (cells.support == k).any()],
-        carriers=[Stand(*top, seen=True) for top, level in tops if level and _carries(cells, top)],
-        crests=_each_once([top for top, _ in tops]),
+        carriers=[Stand(*top, seen=True) for top, _, level in tops if level and _carries(cells, top)],
+        crests=_each_once([top for top, _, _ in tops]),
         segments=_segments(cells, scene.owner),
         depth=view.depth,
         pinhole=view.pinhole,
         noise=scene.noise,
         frames=[T_optical_cloud @ support.T_camera_support for support in scene.supports],
+        pixels=(cells.row * view.depth.shape[1] + cells.column) * step,
+        tops=[(top, cells_of) for top, cells_of, _ in tops],
     )
 
 
-def _tops(cells: Cells) -> list[tuple[Top, bool]]:
-    """Where each large patch reaches its height, and whether it is level."""
+def _tops(cells: Cells) -> list[tuple[Top, slice, bool]]:
+    """Where each large patch reaches its height, which cells are its own, and whether it is level."""
     facts = _facts(cells.start, cells.points, cells.normals)
     return [
-        (Top(float(height), corners[:2], corners[2:], int(cells.support[first])), bool(level))
-        for height, level, corners, first in zip(facts[:, 0], facts[:, 1], facts[:, 2:], cells.start, strict=False)
-        if height > -np.inf
+        (Top(float(fact[0]), fact[2:4], fact[4:], int(cells.support[first])), slice(first, end), bool(fact[1]))
+        for fact, first, end in zip(facts, cells.start[:-1].tolist(), cells.start[1:].tolist(), strict=True)
+        if fact[0] > -np.inf
     ]
 
 
 def _each_once(tops: list[Top]) -> list[Top]:
     """Those that repeat no earlier one."""
-    crests: list[Top] = []
-    for top in tops:
-        if not any(abs(top.height - other.height) < ONE_HEIGHT and top.overlaps(other) for other in crests):
-            crests.append(top)
-    return crests
+    if not tops:
+        return []
+    corners = np.array([(*top.low, *top.high) for top in tops])
+    first = _firsts(np.array([top.height for top in tops]), corners, np.array([top.support for top in tops]))
+    return [top for top, is_first in zip(tops, first.tolist(), strict=True) if is_first]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _firsts(
+    heights: NDArray[np.float64], corners: NDArray[np.float64], supports: NDArray[np.int64]
+) -> NDArray[np.bool_]:
+    """True (N,) for tops that repeat no earlier one that is; corners (N, 4) are low x y and high x y."""
+    first = np.ones(len(heights), np.bool_)
+    for i in range(len(heights)):
+        for k in range(i):
+            if not first[k] or supports[i] != supports[k] or abs(heights[i] - heights[k]) >= ONE_HEIGHT:
+                continue
+            apart = False
+            for a in range(2):
+                apart |= corners[i, a] >= corners[k, 2 + a] + AROUND or corners[i, 2 + a] <= corners[k, a] - AROUND
+            first[i] &= apart
+    return first
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -308,6 +359,7 @@ def warm_up() -> None:
     """Compile the kernels (or load them from their cache)."""
     point, corner = np.zeros((1, 3)), np.zeros(2)
     _facts(np.array([0, 1]), point, point)
+    _firsts(np.zeros(1), np.zeros((1, 4)), np.zeros(1, np.int64))
     _above(point, np.zeros(1, np.int8), 0, 0.0, corner, corner)
 
 

@@ -28,7 +28,7 @@ from zsight_core import (
     verify,
 )
 from zsight_core import scene as scene_stage
-from zsight_core.candidates import DOUBTFUL, Candidate, Candidates, Trials, near, net, rank_of
+from zsight_core.candidates import DOUBTFUL, Candidate, Candidates, Counts, Trials, near, net, rank_of
 from zsight_core.claims import Claim, consistent, contradict
 from zsight_core.errors import ModelError
 from zsight_core.model import ObjectModel, Surface, size_of
@@ -381,14 +381,24 @@ class _Search:
 
     def _trials(self, model: ObjectModel) -> Trials:
         """Candidates of a type asked for."""
-        start = perf_counter()
         if not self.scene.supports:
             return Trials([], [], [])
-        trials, counts = self.candidates.of(model)
+        trials, counts = self._known[id(model)]
         self.report["hypotheses"] += counts.hypotheses
         self.report["refined"] += counts.refined
-        self.report["timings_ms"][model.name] = (perf_counter() - start) * 1e3
         return trials
+
+    @cached_property
+    def _known(self) -> dict[int, tuple[Trials, Counts]]:
+        """Candidates of all types asked for; the largest first, for small things may be seen on sides of large ones."""
+        solids = [model for model in self.models if not isinstance(model.shape, Surface)]
+        solids.sort(key=lambda model: -hull_area(solid_of(model.shape, coarse=True)))
+        found, start = {}, perf_counter()
+        for model, known in zip(solids, self.candidates.in_turn(solids), strict=True):
+            found[id(model)] = known
+            self.report["timings_ms"][model.name] = (perf_counter() - start) * 1e3
+            start = perf_counter()
+        return found
 
     def _pool(self, model: ObjectModel, rivals: Sequence[ObjectModel]) -> _Pool:
         """All that may be there and contradict each other: candidates of what is asked for and of its rivals."""
@@ -399,7 +409,7 @@ class _Search:
         if not self.scene.supports:
             return pool
         for one in asked:
-            for candidate in self.candidates.of(one)[0].kept:
+            for candidate in self._known[id(one)][0].kept:
                 pool.add(one, candidate)
         names = {one.name for one in asked}
         others = [rival for rival in rivals if rival.name not in names and not isinstance(rival.shape, Surface)]

@@ -102,7 +102,7 @@ def _holes(  # noqa: C901  one compiled flood fill; splitting it would pass a do
     R, t = T_optical_support[:3, :3], T_optical_support[:3, 3]
     offset = R[0, 2] * t[0] + R[1, 2] * t[1] + R[2, 2] * t[2]
     state = np.zeros((height, width), np.int8)  # 1: a hole in the surface; 2: seen to be so
-    place = np.zeros((height, width, 3))
+    place = np.empty((height, width, 3))
     for r in range(height):
         for c in range(width):
             if depth[r * step, c * step] > 0 or taken[r, c]:
@@ -126,7 +126,7 @@ def _holes(  # noqa: C901  one compiled flood fill; splitting it would pass a do
                 taken[r, c] = True
                 place[r, c, 0], place[r, c, 1] = px, py
                 place[r, c, 2] = step * step * z * z / (fx * fy * max(abs(slant), 0.05))
-    rows = np.zeros((height * width, 6))
+    rows = np.empty((height * width, 6))  # memory that is not written costs nothing
     queue = np.empty(height * width, np.int64)
     count = 0
     for r0 in range(height):
@@ -137,7 +137,7 @@ def _holes(  # noqa: C901  one compiled flood fill; splitting it would pass a do
             queue[0] = r0 * width + c0
             head, tail = 0, 1
             m = rows[count]
-            m[1], m[2], m[3], m[4] = np.inf, np.inf, -np.inf, -np.inf
+            m[0], m[1], m[2], m[3], m[4] = 0.0, np.inf, np.inf, -np.inf, -np.inf
             border, objects = 0, 0
             while head < tail:
                 r, c = queue[head] // width, queue[head] % width

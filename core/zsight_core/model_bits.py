@@ -40,9 +40,9 @@ class ModelBits(NamedTuple):
 
     start: NDArray[np.int64]
     """(layers * KINDS + 1,) where the bits of each layer and kind begin."""
-    polar: NDArray[np.float64]
-    """(N, 3) metres from the model's origin to each; the turn to there from the way it faces, and from that to the
-    model's x axis, 0..2 pi."""
+    faced: NDArray[np.float32]
+    """(3, N), one bit in a column: from it to the model's origin, seen from above, along the way it faces and to the
+    left of that, metres; and the turn from that way to the model's x axis, as a share of a full one, 0..1."""
     layers: int
     order: int
     """Turns about the vertical to a full one that leave it as it is; only bits of the first such turn are here."""
@@ -50,8 +50,8 @@ class ModelBits(NamedTuple):
     """Metres from the model's origin to its farthest bit, seen from above."""
     below: float
     """Metres from the model's origin down to its foot."""
-    samples: NDArray[np.float64]
-    """(M, 7) points spread over the surface, metres, outward normals, and the products of both."""
+    samples: NDArray[np.float32]
+    """(7, M) points spread over the surface, metres, outward normals, and the products of both."""
 
 
 class _Bits(NamedTuple):
@@ -76,7 +76,7 @@ def _model_bits(vertices: bytes, faces: bytes, rotation: bytes, is_round: bool) 
     some = np.linspace(0, len(surface.points) - 1, min(len(surface.points), SAMPLES)).astype(np.int64)
     some = np.random.default_rng(0).permutation(some)  # any part of them is spread over the surface as well
     along = (surface.points[some] * surface.ways[some]).sum(axis=1)
-    samples = np.column_stack([surface.points[some], surface.ways[some], along])
+    samples = np.vstack([surface.points[some].T, surface.ways[some].T, along]).astype(np.float32)
     order = _order(corners)
     if is_round:
         surface, rim = _meridian(surface), _meridian(rim)
@@ -85,14 +85,15 @@ def _model_bits(vertices: bytes, faces: bytes, rotation: bytes, is_round: bool) 
     key, bits, layers = _sorted(surface, rim)
     start = np.searchsorted(key, np.arange(layers * KINDS + 1))
     reach = float(np.linalg.norm(corners[:, :2], axis=1).max()) + SPACING
-    return ModelBits(start, _polar(bits), layers, order, reach, below, samples)
+    return ModelBits(start, _faced(bits), layers, order, reach, below, samples)
 
 
-def _polar(bits: _Bits) -> NDArray[np.float64]:
-    azimuth = np.arctan2(bits.ways[:, 1], bits.ways[:, 0])
-    away = np.arctan2(bits.points[:, 1], bits.points[:, 0]) - azimuth
-    far = np.hypot(bits.points[:, 0], bits.points[:, 1])
-    return np.column_stack([far, away % (2 * np.pi), -azimuth % (2 * np.pi)])
+def _faced(bits: _Bits) -> NDArray[np.float32]:
+    x, y = bits.points[:, 0], bits.points[:, 1]
+    across = np.maximum(np.hypot(bits.ways[:, 0], bits.ways[:, 1]), 1e-12)
+    c, s = bits.ways[:, 0] / across, bits.ways[:, 1] / across
+    turn = -np.arctan2(bits.ways[:, 1], bits.ways[:, 0]) / (2 * np.pi) % 1.0
+    return np.stack([-(c * x + s * y), s * x - c * y, turn]).astype(np.float32)
 
 
 def _order(corners: NDArray[np.float64]) -> int:

@@ -199,6 +199,7 @@ def warm_up() -> None:
     _extents(depth, 8.0, 8.0, 8.0, 8.0, labels, over, frames, 3)
     _renumber(labels, np.zeros(3, np.int32))
     _grid_of(np.zeros((3, 2)), 0.0, 0.0, 2, 2, 0.02, 0.0)
+    _rows_within(np.zeros(3), np.zeros(3), 2)
 
 
 def _cells_of(view: View, supports: list[Support], patches: Patches, over: NDArray[np.int8]) -> Cells:
@@ -303,16 +304,7 @@ def _spans(
     corners = wider @ T_optical_support[:3, :2].T + T_optical_support[:3, 3]
     corners[:, 2] = np.maximum(corners[:, 2], 0.05)
     u, v = corners[:, 0] / corners[:, 2] * view.fx + view.cx, corners[:, 1] / corners[:, 2] * view.fy + view.cy
-    rows = np.arange(view.depth.shape[0], dtype=np.float64)
-    spans = np.stack([np.full(len(rows), np.inf), np.full(len(rows), -np.inf)], axis=1)
-    for k in range(len(u)):
-        j = (k + 1) % len(u)
-        if abs(v[j] - v[k]) < 1e-9:
-            continue
-        t = (rows - v[k]) / (v[j] - v[k])
-        at = np.where((t >= 0) & (t <= 1), u[k] + t * (u[j] - u[k]), np.nan)
-        spans[:, 0] = np.fmin(spans[:, 0], at)
-        spans[:, 1] = np.fmax(spans[:, 1], at)
+    spans: NDArray[np.float64] = _rows_within(u, v, view.depth.shape[0])
     return spans
 
 
@@ -400,6 +392,22 @@ def _grid_of(
                 if ((bx - ax) * (y - ay) - (by - ay) * (x - ax)) / length < -margin:
                     grid[r, c] = False
     return grid
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _rows_within(u: NDArray[np.float64], v: NDArray[np.float64], height: int) -> NDArray[np.float64]:
+    """First and last column (H, 2) of each image row within a polygon with corners u, v (K,); crossed where none."""
+    spans = np.empty((height, 2))
+    spans[:, 0], spans[:, 1] = np.inf, -np.inf
+    for k in range(len(u)):
+        j = (k + 1) % len(u)
+        if abs(v[j] - v[k]) < 1e-9:
+            continue
+        slope = (u[j] - u[k]) / (v[j] - v[k])
+        for row in range(max(0, int(np.ceil(min(v[k], v[j])))), min(height - 1, int(np.floor(max(v[k], v[j])))) + 1):
+            at = u[k] + (row - v[k]) * slope
+            spans[row, 0], spans[row, 1] = min(spans[row, 0], at), max(spans[row, 1], at)
+    return spans
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

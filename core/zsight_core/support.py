@@ -108,7 +108,8 @@ def find_supports(
 
 def outline_of(xy: NDArray[np.float64]) -> NDArray[np.float64]:
     """Convex hull (K, 2), counter-clockwise, of points (N, 2), by monotone chains (Andrew 1979)."""
-    points = np.unique(xy, axis=0)
+    points = xy[np.lexsort((xy[:, 1], xy[:, 0]))]
+    points = points[np.append((points[1:] != points[:-1]).any(axis=1), True)] if len(points) else points
     return _hull(points) if len(points) > 2 else points
 
 
@@ -123,8 +124,10 @@ def warm_up() -> None:
     depth = np.ones((32, 32), np.float32)
     moments, planes = _blocks(depth, 50.0, 50.0, 16.0, 16.0, 8)
     plane = np.array([0.0, 0.0, 1.0])
-    _votes(moments, planes, np.ones((4, 4), np.bool_), plane[np.newaxis], 0.01, 0.5, 50.0 * 50.0, 1)
-    _flat_squares(moments, np.ones((4, 4), np.bool_), 0.01)
+    free = np.ones((4, 4), np.bool_)
+    _votes(moments, planes, free, plane[np.newaxis], 0.01, 0.5, 50.0 * 50.0)
+    _solved(_members(moments, planes, free, plane, 0.01, 0.5, 50.0 * 50.0)[0])
+    _flat_squares(moments, free, 0.01)
     _refit(depth, 50.0, 50.0, 16.0, 16.0, plane, 0.1, 1)
     _hull(np.array([[0.0, 0.0], [0.5, 1.0], [1.0, 0.0]]))
     _gather(depth, 50.0, 50.0, 16.0, 16.0, plane, 0.1, 4)
@@ -132,9 +135,12 @@ def warm_up() -> None:
 
 def _noise_of(moments: NDArray[np.float64], planes: NDArray[np.float64]) -> float:
     """Standard deviation of 1 / z, 1/m: a low quantile of the residuals of all blocks, most of which are smooth."""
-    full = moments[..., 0] >= 0.9 * moments[..., 0].max()
-    residuals = planes[..., 3][full & np.isfinite(planes[..., 3])]
-    return max(float(np.quantile(residuals, 0.35)), SMALLEST_NOISE) if residuals.size else SMALLEST_NOISE
+    pixels, residuals = moments[..., 0], planes[..., 3]
+    residuals = residuals[(pixels >= 0.9 * pixels.max()) & (residuals < np.inf)]
+    if not residuals.size:
+        return SMALLEST_NOISE
+    middle = int(0.35 * (residuals.size - 1))
+    return max(float(np.partition(residuals, middle)[middle]), SMALLEST_NOISE)
 
 
 def _best_plane(
@@ -151,15 +157,15 @@ def _best_plane(
     """The plane that gathers most area of free blocks: the seeds vote, the best is refitted to its blocks."""
     gate = 3 * noise + 0.002
     per_pixel = size * size / (view.fx * view.fy)
-    areas, _ = _votes(moments, planes, free, seeds, gate, LEAST_COSINE, per_pixel, 2)
+    areas = _votes(moments, planes, free, seeds, gate, LEAST_COSINE, per_pixel)
     plane = seeds[int(np.argmax(areas * _plausibility(seeds) if weigh else areas))]
     for _ in range(3):
-        sums, members = _votes(moments, planes, free, plane[np.newaxis], gate, LEAST_COSINE, per_pixel, 1)
-        refitted = _solve(moments[members].sum(axis=0))
+        sums, members, area = _members(moments, planes, free, plane, gate, LEAST_COSINE, per_pixel)
+        refitted = _solve(sums)
         if refitted is None:
             return plane, members, 0.0
         plane = refitted
-    return plane, members, float(sums[0])
+    return plane, members, area
 
 
 def _seeds(
@@ -336,17 +342,30 @@ def _normal_matrix(moments: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _solve(moments: NDArray[np.float64]) -> NDArray[np.float64] | None:
     """Plane (A, B, C) of summed moments; None where they do not determine one."""
-    information = _normal_matrix(moments)
-    if moments[0] < 3 or abs(np.linalg.det(information / moments[0])) < 1e-12:
-        return None
-    plane: NDArray[np.float64] = np.asarray(np.linalg.solve(information, moments[[7, 8, 6]]), dtype=np.float64)
-    return plane if np.isfinite(plane).all() and np.linalg.norm(plane) > 1e-3 else None
+    plane: NDArray[np.float64] = _solved(moments)
+    return plane if np.isfinite(plane).all() and plane @ plane > 1e-6 else None
 
 
 def _residual(moments: NDArray[np.float64], plane: NDArray[np.float64]) -> float:
     """Root mean square residual, 1/m."""
     left = moments[9] - plane @ moments[[7, 8, 6]]
     return float(np.sqrt(max(left, 0.0) / moments[0]))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _solved(moments: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Plane (3,) of summed moments about their mean; not finite where they do not determine one."""
+    n, plane = moments[0], np.full(3, np.nan)
+    if n < 3:
+        return plane
+    x, y, w = moments[1] / n, moments[2] / n, moments[6] / n
+    a, b, d = moments[3] / n - x * x, moments[4] / n - x * y, moments[5] / n - y * y
+    p, q = moments[7] / n - x * w, moments[8] / n - y * w
+    det = a * d - b * b  # of the matrix of moments, a share
+    if abs(det) >= 1e-12:
+        plane[0], plane[1] = (d * p - b * q) / det, (a * q - b * p) / det
+        plane[2] = w - plane[0] * x - plane[1] * y
+    return plane
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -369,7 +388,7 @@ def _hull(points: NDArray[np.float64]) -> NDArray[np.float64]:
     return hull[:size]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "nsz", "contract"})  # sums in any order
 def _blocks(
     depth: NDArray[np.float32], fx: float, fy: float, cx: float, cy: float, size: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -377,28 +396,28 @@ def _blocks(
     rows, columns = depth.shape[0] // size, depth.shape[1] // size
     moments = np.zeros((rows, columns, 10))
     planes = np.full((rows, columns, 4), np.inf)
+    middle, per_u = (size - 1) / 2, 1.0 / fx
     for r in range(rows):
         for c in range(columns):
             # about the block's own centre and inverse depth, so that nothing cancels
             x0, y0 = ((c + 0.5) * size - 0.5 - cx) / fx, ((r + 0.5) * size - 0.5 - cy) / fy
-            n, sx, sy, sxx, sxy, syy, sw, swx, swy, sww = 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+            n, sx, sy, sxx, sxy, syy, sw, swx, swy, sww = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
             for j in range(size):
                 y = (r * size + j - cy) / fy - y0
-                for i in range(size):
-                    z = depth[r * size + j, c * size + i]
-                    if z > 0:
-                        x = (c * size + i - cx) / fx - x0
-                        w = 1.0 / z
-                        n += 1
-                        sx += x
-                        sy += y
-                        sxx += x * x
-                        sxy += x * y
-                        syy += y * y
-                        sw += w
-                        swx += w * x
-                        swy += w * y
-                        sww += w * w
+                line = depth[r * size + j, c * size : (c + 1) * size]
+                m, mx, mxx, mw, mwx = 0.0, 0.0, 0.0, 0.0, 0.0
+                for i in range(size):  # no way out of it: the compiler does several pixels at a time
+                    on = line[i] > 0
+                    x = (i - middle) * per_u if on else 0.0
+                    w = 1.0 / line[i] if on else 0.0
+                    m += 1.0 if on else 0.0
+                    mx += x
+                    mxx += x * x
+                    mw += w
+                    mwx += w * x
+                    sww += w * w
+                n, sx, sxx, sw, swx = n + m, sx + mx, sxx + mxx, sw + mw, swx + mwx
+                sy, sxy, syy, swy = sy + m * y, sxy + mx * y, syy + m * y * y, swy + mw * y
             if n * 2 < size * size:
                 continue
             mx, my, mw = sx / n, sy / n, sw / n
@@ -452,7 +471,7 @@ def _flat_squares(moments: NDArray[np.float64], free: NDArray[np.bool_], gate: f
     return seeds[:count]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "nsz", "contract"})  # sums in any order
 def _votes(
     moments: NDArray[np.float64],
     planes: NDArray[np.float64],
@@ -461,37 +480,63 @@ def _votes(
     gate: float,
     least_cosine: float,
     per_pixel: float,
-    step: int,
-) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Square metres of every step-th free block on each seed plane (S,), and which blocks are on the last one."""
+) -> NDArray[np.float64]:
+    """Square metres of every second free block of every second row on each seed plane (S,)."""
     rows, columns = free.shape
     areas = np.zeros(len(seeds))
-    members = np.zeros((rows, columns), np.bool_)
-    blocks = np.empty(((rows // step + 1) * (columns // step + 1), 6))  # x, y, w and unit normal
-    place = np.empty(len(blocks), np.int64)
+    blocks = np.empty((6, (rows // 2 + 1) * (columns // 2 + 1)))  # x, y, w and unit normal
     count = 0
-    for r in range(0, rows, step):
-        for c in range(0, columns, step):
+    for r in range(0, rows, 2):
+        for c in range(0, columns, 2):
             if free[r, c]:
                 n, a, b, k = moments[r, c, 0], planes[r, c, 0], planes[r, c, 1], planes[r, c, 2]
                 length = np.sqrt(a * a + b * b + k * k)
-                blocks[count, 0], blocks[count, 1] = moments[r, c, 1] / n, moments[r, c, 2] / n
-                blocks[count, 2] = moments[r, c, 6] / n
-                blocks[count, 3], blocks[count, 4], blocks[count, 5] = a / length, b / length, k / length
-                place[count] = r * columns + c
+                blocks[0, count], blocks[1, count] = moments[r, c, 1] / n, moments[r, c, 2] / n
+                blocks[2, count] = moments[r, c, 6] / n
+                blocks[3, count], blocks[4, count], blocks[5, count] = a / length, b / length, k / length
                 count += 1
     for s in range(len(seeds)):
         A, B, C = seeds[s, 0], seeds[s, 1], seeds[s, 2]
         length = np.sqrt(A * A + B * B + C * C)
-        least = least_cosine * length
-        for i in range(count):
-            w, expected = blocks[i, 2], A * blocks[i, 0] + B * blocks[i, 1] + C
-            if abs(w - expected) > gate or blocks[i, 3] * A + blocks[i, 4] * B + blocks[i, 5] * C < least:
+        least, slant, area = least_cosine * length, 1.0 / length, 0.0
+        for i in range(count):  # no way out of it: the compiler does several blocks at a time
+            w, expected = blocks[2, i], A * blocks[0, i] + B * blocks[1, i] + C
+            facing = blocks[3, i] * A + blocks[4, i] * B + blocks[5, i] * C
+            on = (abs(w - expected) <= gate) & (facing >= least)
+            area += 1.0 / (w * w * max(expected * slant, 0.1)) if on else 0.0
+        areas[s] = area * per_pixel
+    return areas
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _members(
+    moments: NDArray[np.float64],
+    planes: NDArray[np.float64],
+    free: NDArray[np.bool_],
+    plane: NDArray[np.float64],
+    gate: float,
+    least_cosine: float,
+    per_pixel: float,
+) -> tuple[NDArray[np.float64], NDArray[np.bool_], float]:
+    """Summed moments (10,) of the free blocks on a plane, which they are, and their square metres."""
+    rows, columns = free.shape
+    sums, members, area = np.zeros(10), np.zeros((rows, columns), np.bool_), 0.0
+    A, B, C = plane[0], plane[1], plane[2]
+    length = np.sqrt(A * A + B * B + C * C)
+    for r in range(rows):
+        for c in range(columns):
+            if not free[r, c]:
                 continue
-            areas[s] += per_pixel / (w * w * max(expected / length, 0.1))
-            if s == len(seeds) - 1:
-                members[place[i] // columns, place[i] % columns] = True
-    return areas, members
+            n, a, b, k = moments[r, c, 0], planes[r, c, 0], planes[r, c, 1], planes[r, c, 2]
+            w, expected = moments[r, c, 6] / n, (A * moments[r, c, 1] + B * moments[r, c, 2]) / n + C
+            facing, least = A * a + B * b + C * k, least_cosine * length * np.sqrt(a * a + b * b + k * k)
+            if abs(w - expected) > gate or facing < least:
+                continue
+            members[r, c] = True
+            area += per_pixel / (w * w * max(expected / length, 0.1))
+            for m in range(10):
+                sums[m] += moments[r, c, m]
+    return sums, members, area
 
 
 @njit(

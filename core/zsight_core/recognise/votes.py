@@ -58,14 +58,12 @@ TURNS = 24
 STANDS_AT_ONCE = 8
 """Stands between two checkpoints."""
 
-_TURNS = 720
-"""Steps of a full turn in which bits are turned."""
+SPILL = 16
+"""Cells after those of a board in which votes for places beyond it are counted, in turn: to count in one cell again and
+again is slow."""
 
-_A_RADIAN = _TURNS / (2 * np.pi)
-"""Steps."""
-
-_COSINES, _SINES = (f(np.arange(2 * _TURNS + 1) * 2 * np.pi / _TURNS) / CELL for f in (np.cos, np.sin))
-"""Of two full turns, so that sums of two turns need not be wound back; cells a metre."""
+CHUNK = 16
+"""Cells that are passed over at once where none has enough votes; at most SPILL."""
 
 
 class Pose(NamedTuple):
@@ -112,9 +110,9 @@ def _places(
     lows = np.maximum(np.array([stand.low for stand in stands]) - BEYOND * bits.reach, clues.middles[0])
     highs = np.minimum(np.array([stand.high for stand in stands]) + BEYOND * bits.reach, clues.middles[1])
     return _propose(
-        *clues.bits,
+        *clues.bits[:-1],
         bits.start,
-        bits.polar,
+        bits.faced,
         bits.reach,
         np.array([stand.support for stand in stands]),
         np.array([stand.base for stand in stands]),
@@ -151,8 +149,8 @@ def warm_up() -> None:
     """Compile the kernels (or load them from their cache)."""
     one, kind, corner = np.zeros(1), np.zeros(1, np.int8), np.zeros((1, 2))
     start, point, depth = np.zeros(KINDS + 1, np.int64), np.zeros((1, 3)), np.ones((4, 4), np.float32)
-    bits = (point, one, kind, kind, start, point, 0.1)
-    number, frames, samples = np.zeros(1, np.int64), np.eye(4)[np.newaxis], np.zeros((1, 7))
+    bits = (point, one, corner, kind, kind, start, np.zeros((3, 1), np.float32), 0.1)
+    number, frames, samples = np.zeros(1, np.int64), np.eye(4)[np.newaxis], np.zeros((7, 1), np.float32)
     _propose(*bits, number, one, corner, corner, 1, 1, depth, (1.0, 1.0, 0.0, 0.0), frames, samples, 1e-3, False)
 
 
@@ -160,10 +158,11 @@ def warm_up() -> None:
 def _propose(
     points: NDArray[np.float64],
     azimuth: NDArray[np.float64],
+    ways: NDArray[np.float64],
     kind: NDArray[np.int8],
     over: NDArray[np.int8],
     start: NDArray[np.int64],
-    polar: NDArray[np.float64],
+    faced: NDArray[np.float32],
     reach: float,
     supports: NDArray[np.int64],
     bases: NDArray[np.float64],
@@ -174,7 +173,7 @@ def _propose(
     depth: NDArray[np.float32],
     pinhole: tuple[float, float, float, float],
     frames: NDArray[np.float64],
-    samples: NDArray[np.float64],
+    samples: NDArray[np.float32],
     noise: float,
     each_yaw: bool,
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
@@ -187,28 +186,21 @@ def _propose(
     for s in range(len(bases)):
         columns, rows = _cells(lows[s], highs[s])
         most = max(most, yaws * rows * columns)
-    votes, twice = np.empty(most, np.int16), np.empty(most, np.int32)
-    taken = np.zeros(most, np.bool_)
+    votes, sums = np.empty(most + SPILL, np.int16), np.zeros((2, most), np.int16)
+    taken, strong = np.zeros(most, np.bool_), np.empty(most, np.int32)
+    near, cells = np.empty(len(points) + 1, np.int32), np.empty(faced.shape[1], np.int32)
     places, numbers = np.empty((PROPOSED * len(bases), 3)), np.empty(PROPOSED * len(bases), np.int64)
-    yaw_of = np.empty(2 * _TURNS + 1, np.int32)
-    for way in range(2 * _TURNS + 1):
-        yaw_of[way] = (way * yaws * order + _TURNS // 2) // _TURNS % yaws
-    steps = polar.copy()
-    for j in range(len(polar)):
-        for k in range(1, 3):
-            steps[j, k] = polar[j, k] * _A_RADIAN + 0.5
     full = 2 * np.pi / order
     count = 0
     for s in range(len(bases)):
         columns, rows = _cells(lows[s], highs[s])
-        board = votes[: yaws * rows * columns].reshape(yaws, rows, columns)
+        shape, model = (yaws, rows, columns), (start, faced, reach, yaws * order)
         base, low, high = bases[s], lows[s], highs[s]
-        model = start, steps, reach, yaw_of
-        again = _vote(points, azimuth, kind, over, supports[s], base, *model, low, high, board, twice)
+        _vote(points, azimuth, ways, kind, over, supports[s], base, *model, low, high, shape, votes, near, cells)
         if each_yaw:
-            peaks = _best_of_each_yaw(board)
+            peaks = _best_of_each_yaw(votes[: yaws * rows * columns].reshape(shape))
         else:
-            peaks = _peaks(board, twice[:again], taken[: yaws * rows * columns].reshape(yaws, rows, columns))
+            peaks = _peaks(votes, shape, sums, strong, taken)
         for i in range(len(peaks)):
             peaks[i, 0], peaks[i, 1] = low[0] + peaks[i, 0] * CELL, low[1] + peaks[i, 1] * CELL
             peaks[i, 2] *= full / yaws
@@ -226,114 +218,175 @@ def _cells(low: NDArray[np.float64], high: NDArray[np.float64]) -> tuple[int, in
     return max(3, int((high[0] - low[0]) / CELL) + 3), max(3, int((high[1] - low[1]) / CELL) + 3)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def _vote(
     points: NDArray[np.float64],
     azimuth: NDArray[np.float64],
+    ways: NDArray[np.float64],
     kind: NDArray[np.int8],
     over: NDArray[np.int8],
     support: int,
     base: float,
     start: NDArray[np.int64],
-    polar: NDArray[np.float64],
+    faced: NDArray[np.float32],
     reach: float,
-    yaw_of: NDArray[np.int32],
+    turns: int,
     low: NDArray[np.float64],
     high: NDArray[np.float64],
+    shape: tuple[int, int, int],
     votes: NDArray[np.int16],
-    twice: NDArray[np.int32],
-) -> int:
-    """Count votes (yaws, rows, columns) for the place of the model's origin between the low and the high corner (2,).
+    near: NDArray[np.int32],
+    cells: NDArray[np.int32],
+) -> None:
+    """Count votes for the place of the model's origin between the low and the high corner (2,).
 
-    Turns of the model's bits are in steps and half a step more, so that cut off they are rounded.
-
-    Returns:
-        How many cells were voted for more than once; their numbers are in twice.
+    Args:
+        points: of the scene's bits, as in Bits.
+        azimuth: likewise.
+        ways: likewise.
+        kind: likewise.
+        over: likewise.
+        support: number of the surface.
+        base: height of the model's foot over it, metres.
+        start: of the model's bits, as in ModelBits.
+        faced: likewise.
+        reach: likewise.
+        turns: steps of yaw to a full turn.
+        low: metres.
+        high: metres.
+        shape: steps of yaw, rows and columns of the board of cells.
+        votes: (yaws * rows * columns + SPILL or more,) of each cell; what was there is lost.
+        near: (N + 1,) room for the numbers of bits.
+        cells: room for the cells that one of the scene's bits votes for, as many as there are bits of the model.
     """
-    votes[:] = 0
-    rows, columns = votes.shape[1:]
-    cells = votes.reshape(-1)
+    single, whole = np.float32, np.int32
+    yaws, rows, columns = shape
+    beyond = yaws * rows * columns
+    votes[: beyond + SPILL] = 0
     layers, count = (len(start) - 1) // KINDS, 0
-    for i in range(len(points)):
-        if over[i] != support or not (low[0] - reach < points[i, 0] < high[0] + reach):
-            continue
-        layer = int(np.floor((points[i, 2] - base) / LAYER + 0.5))
-        if layer < 0 or layer >= layers or not (low[1] - reach < points[i, 1] < high[1] + reach):
-            continue
-        px, py = (points[i, 0] - low[0]) / CELL + 0.5, (points[i, 1] - low[1]) / CELL + 0.5
-        faces = azimuth[i] * _A_RADIAN + (0.0 if azimuth[i] >= 0 else _TURNS)
-        key = layer * KINDS + kind[i]
-        for j in range(start[key], start[key + 1]):
-            way = int(faces + polar[j, 1])
-            x, y = px - _COSINES[way] * polar[j, 0], py - _SINES[way] * polar[j, 0]
-            if not (0 <= x < columns and 0 <= y < rows):
-                continue
-            cell = (yaw_of[int(faces + polar[j, 2])] * rows + int(y)) * columns + int(x)
-            cells[cell] += 1
-            if cells[cell] == 2:
-                twice[count] = cell
-                count += 1
-    return count
+    left, right, below, above = low[0] - reach, high[0] + reach, low[1] - reach, high[1] + reach
+    first, last = base - 0.5 * LAYER, base + (layers - 0.5) * LAYER
+    for i in range(len(points)):  # no way out of the loop, for such are guessed wrong half of the time
+        near[count] = i
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        is_near = (over[i] == support) & (x > left) & (x < right) & (y > below) & (y < above)
+        count += 1 if is_near & (z >= first) & (z < last) else 0
+    nothing, half, one_in = single(0), single(0.5), single(1.0 / yaws)
+    across, along, turn = single(columns), single(rows), single(turns)
+    n, layer_size, row_size, spill = whole(yaws), whole(rows * columns), whole(columns), whole(beyond)
+    for q in range(count):
+        i = near[q]
+        key = int((points[i, 2] - first) / LAYER) * KINDS + kind[i]
+        one, end = start[key], start[key + 1]
+        ahead, aside, turned, chosen = faced[0, one:end], faced[1, one:end], faced[2, one:end], cells[: end - one]
+        px, py = single((points[i, 0] - low[0]) / CELL + 0.5), single((points[i, 1] - low[1]) / CELL + 0.5)
+        c, s = single(ways[i, 0] / CELL), single(ways[i, 1] / CELL)
+        faces = single(azimuth[i] / (2 * np.pi) % 1.0)
+        for j in range(len(chosen)):  # nothing but sums here: the compiler does several votes at a time
+            x = px + c * ahead[j] - s * aside[j]
+            y = py + s * ahead[j] + c * aside[j]
+            yaw = whole((faces + turned[j]) * turn + half)
+            yaw -= n * whole((single(yaw) + half) * one_in)
+            inside = (x >= nothing) & (x < across) & (y >= nothing) & (y < along)
+            cell = yaw * layer_size + whole(y) * row_size + whole(x)
+            chosen[j] = cell if inside else spill + whole(j) % whole(SPILL)
+        for j in range(len(chosen)):
+            votes[np.uint32(chosen[j])] += 1
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _peaks(  # noqa: C901  one compiled loop
-    votes: NDArray[np.int16], twice: NDArray[np.int32], taken: NDArray[np.bool_]
+    votes: NDArray[np.int16],
+    shape: tuple[int, int, int],
+    sums: NDArray[np.int16],
+    strong: NDArray[np.int32],
+    taken: NDArray[np.bool_],
 ) -> NDArray[np.float64]:
     """Column, row and yaw (N, 3), in cells, of the places with most votes in and around them, best first.
 
     Args:
-        votes: (yaws, rows, columns).
-        twice: numbers of the cells with more than one vote.
-        taken: as votes; all False, and left so.
+        votes: as of _vote.
+        shape: likewise.
+        sums: (2, C) room for numbers of each cell.
+        strong: (C,) room for numbers of cells.
+        taken: (C,) one a cell; all False, and left so.
     """
-    yaws, rows, columns = votes.shape
-    turn = 1 if yaws > 1 else 0
-    cells = votes.reshape(-1)
-    most = 0
-    for cell in twice:
+    yaws, rows, columns = shape
+    size = rows * columns
+    cells, turn = votes[: yaws * size], 1 if yaws > 1 else 0
+    around = _sums_around(cells, shape, sums)
+    most = np.int16(0)
+    for cell in range(len(cells)):
         most = max(most, cells[cell])
-    least = max(2.0, LEAST_SHARE * most)
-    strong, sums = np.empty(len(twice), np.int32), np.empty(len(twice), np.int32)
+    least = int(max(2.0, np.ceil(LEAST_SHARE * most)))
     count, highest = 0, 0
-    for cell in twice:
-        if cells[cell] < least:
-            continue
-        y, r, c = cell // (rows * columns), cell // columns % rows, cell % columns
-        if not (0 < r < rows - 1 and 0 < c < columns - 1):
-            continue
-        total = 0
-        for dy in range(-turn, turn + 1):
-            middle = (_around(y + dy, yaws) * rows + r) * columns + c
-            for at in range(middle - columns, middle + columns + 1, columns):
-                total += cells[at - 1] + cells[at] + cells[at + 1]
-        if total >= FEWEST:
-            strong[count], sums[count] = cell, total
-            highest = max(highest, total)
-            count += 1
-    found, kept = np.empty((PEAKS, 3)), np.empty(PEAKS, np.int32)
+    for yaw in range(yaws):
+        for row in range(yaw * size + columns, (yaw + 1) * size - columns, columns):
+            for first in range(row + 1, row + columns - 1, CHUNK):
+                if _most_of_chunk(votes, first) < least:
+                    continue
+                for cell in range(first, min(first + CHUNK, row + columns - 1)):
+                    if cells[cell] >= least and around[cell] >= FEWEST:
+                        strong[count] = cell
+                        highest = max(highest, around[cell])
+                        count += 1
+    found = np.empty((PEAKS, 3))
     peaks = 0
-    for i in _descending(sums[:count], highest):
+    for i in _descending(around[strong[:count]], highest):
         if peaks == PEAKS:
             break
         cell = strong[i]
-        y, r, c = cell // (rows * columns), cell // columns % rows, cell % columns
-        if taken[y, r, c]:
+        if taken[cell]:
             continue
-        sx, sy, turned = 0.0, 0.0, 0.0
+        y, r, c = cell // size, cell // columns % rows, cell % columns
+        right, down, turned = 0, 0, 0
         for dy in range(-turn, turn + 1):
             middle = (_around(y + dy, yaws) * rows + r) * columns + c
             for dr in range(-1, 2):
-                for dc in range(-1, 2):
-                    share = cells[middle + dr * columns + dc] / sums[i]
-                    sx, sy, turned = sx + share * dc, sy + share * dr, turned + share * dy
-        found[peaks, 0], found[peaks, 1], found[peaks, 2] = c + sx, r + sy, y + turned
-        kept[peaks] = cell
+                at = middle + dr * columns
+                total = cells[at - 1] + cells[at] + cells[at + 1]
+                right, down, turned = right + cells[at + 1] - cells[at - 1], down + dr * total, turned + dy * total
+        share = 1.0 / around[cell]
+        found[peaks, 0], found[peaks, 1], found[peaks, 2] = c + right * share, r + down * share, y + turned * share
         peaks += 1
-        _take(taken, y, r, c, turn, True)
-    for cell in kept[:peaks]:
-        _take(taken, cell // (rows * columns), cell // columns % rows, cell % columns, turn, False)
+        for dy in range(-2 * turn, 2 * turn + 1):
+            layer = _around(y + dy, yaws) * rows
+            for dr in range(max(0, r - 2), min(rows, r + 3)):
+                for at in range((layer + dr) * columns + max(0, c - 2), (layer + dr) * columns + min(columns, c + 3)):
+                    taken[at] = True
+    taken[: yaws * size] = False
     return found[:peaks]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _sums_around(cells: NDArray[np.int16], shape: tuple[int, int, int], sums: NDArray[np.int16]) -> NDArray[np.int16]:
+    """Votes (C,) in each cell (C,) and its neighbours; not told at the border of a board."""
+    yaws, rows, columns = shape
+    end, size = len(cells), rows * columns
+    one, two = sums[0, :end], sums[1, :end]
+    _add(cells[: end - 2], cells[1 : end - 1], cells[2:], one[1 : end - 1])
+    _add(one[: end - 2 * columns], one[columns : end - columns], one[2 * columns :], two[columns : end - columns])
+    if yaws == 1:
+        return two
+    for yaw in range(yaws):
+        before, after = _around(yaw - 1, yaws) * size, _around(yaw + 1, yaws) * size
+        here = yaw * size
+        _add(two[before : before + size], two[here : here + size], two[after : after + size], one[here : here + size])
+    return one
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _add(a: NDArray[np.int16], b: NDArray[np.int16], c: NDArray[np.int16], total: NDArray[np.int16]) -> None:
+    for i in range(len(total)):
+        total[i] = a[i] + b[i] + c[i]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _most_of_chunk(votes: NDArray[np.int16], first: int) -> int:
+    most, start = np.int16(0), np.uint32(first)
+    for i in range(CHUNK):
+        most = max(most, votes[start + np.uint32(i)])
+    return int(most)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -363,18 +416,7 @@ def _around(y: int, yaws: int) -> int:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _take(taken: NDArray[np.bool_], y: int, r: int, c: int, turn: int, value: bool) -> None:
-    """Mark the cells around a peak."""
-    yaws, rows, columns = taken.shape
-    for dy in range(-2 * turn, 2 * turn + 1):
-        layer = _around(y + dy, yaws)
-        for dr in range(max(0, r - 2), min(rows, r + 3)):
-            for dc in range(max(0, c - 2), min(columns, c + 3)):
-                taken[layer, dr, dc] = value
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _descending(sums: NDArray[np.int32], highest: int) -> NDArray[np.int32]:
+def _descending(sums: NDArray[np.int16], highest: int) -> NDArray[np.int32]:
     """Order (N,) of whole numbers from the highest, equal ones as they come (a counting sort)."""
     place = np.zeros(highest + 2, np.int32)
     for total in sums:
