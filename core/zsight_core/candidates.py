@@ -18,7 +18,7 @@ from zsight_core.claims import ROOM_SHARED, Claim, claimed
 from zsight_core.clues import Clues, Hypothesis, clues_of
 from zsight_core.contest import TELLING, lead
 from zsight_core.contour import MOST
-from zsight_core.model import Mesh, size_of
+from zsight_core.model import Mesh, Sphere, size_of
 from zsight_core.overlap import shared
 from zsight_core.recognise import hypotheses, turned
 from zsight_core.score import logit_of, probability
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from zsight_core.model import ObjectModel, Shape
     from zsight_core.scene import Checkpoint, Scene
 
-__all__ = ["Candidate", "Candidates", "Counts", "Trials", "near", "net", "rank_of", "warm_up"]
+__all__ = ["Candidate", "Candidates", "Counts", "Trials", "near", "net", "not_astray", "rank_of", "warm_up"]
 
 ON_SURFACE, ON_TOP, ON_NOTHING = 2e-5, 0.0015, 0.004
 """Metres by which the height of a foot may be off on the surface, on a top that is seen, and on what is not seen."""
@@ -102,6 +102,21 @@ WELL_TURNED = 10
 DOUBTFUL = 0.15
 """Probability from which a candidate is fitted once more."""
 
+ASTRAY = 0.005
+"""Metres from which one more fit has led elsewhere."""
+
+SLIDE, FARTHEST_SLIDE = 0.01, 0.4
+"""Steps, metres, in which a candidate is slid along its own axes, and how far at most, as a share of its length."""
+
+ONE_SIDE, SEEN_AROUND = 0.3, 0.7
+"""A candidate is slid where a larger share of one side's outline says no, or less of the whole outline is seen."""
+
+SLID_BEHIND = 0.05
+"""Promise by which a slid pose may be behind the one that was found and still be fitted."""
+
+SLID = 4
+"""Slid poses that are roughly fitted at most."""
+
 
 class Candidate(NamedTuple):
     """A hypothesis with what the image says of it."""
@@ -156,7 +171,7 @@ class Candidates:
         known = self._known.get(id(model.shape))
         if known is None:
             tried, kept, counts = self.among(model, self.clues)
-            settled = [self._settled(model.shape, solid_of(model.shape), candidate, tried) for candidate in kept]
+            settled = [self._settled(model.shape, candidate, tried) for candidate in kept]
             trials = Trials(tried, [best for best, _ in settled], [alike for _, alike in settled])
             known = self._known[id(model.shape)] = _Known(model.shape, trials, counts)
         return known.trials, known.counts
@@ -201,17 +216,18 @@ class Candidates:
     def _polished(self, solid: Solid, candidates: list[Candidate]) -> list[Candidate]:
         """Fitted once more: the first fit may have come from too far for its finest steps to catch every face."""
         doubtful = [candidate.hypothesis for candidate in candidates if candidate.probability >= DOUBTFUL]
-        better = iter(self._fitted(solid, doubtful, pixels=3000, steps=14, look=4000))
-        return [next(better) if candidate.probability >= DOUBTFUL else candidate for candidate in candidates]
+        again = iter(self._fitted(solid, doubtful, pixels=3000, steps=14, look=4000))
+        return [
+            not_astray(candidate, next(again)) if candidate.probability >= DOUBTFUL else candidate
+            for candidate in candidates
+        ]
 
-    def _settled(
-        self, shape: Shape, solid: Solid, found: Candidate, tried: list[Candidate]
-    ) -> tuple[Candidate, list[Candidate]]:
-        """The way to rest at a place that the image is most for, and those that it does not tell from it."""
-        guesses = turned(shape, self.clues, found.hypothesis) if found.probability > DOUBTFUL else []
-        if not guesses:
+    def _settled(self, shape: Shape, found: Candidate, tried: list[Candidate]) -> tuple[Candidate, list[Candidate]]:
+        """The pose at a place that the image is most for, and those that it does not tell from it."""
+        if found.probability <= DOUBTFUL:
             return found, []
-        hull, here = solid_of(shape, coarse=True), found.hypothesis
+        solid, hull, here = solid_of(shape), solid_of(shape, coarse=True), found.hypothesis
+        guesses = [*turned(shape, self.clues, here), *self._slid(shape, found)]
 
         def is_here(other: Candidate) -> bool:
             T, same = other.hypothesis.T_support_model, other.hypothesis.support == here.support
@@ -231,6 +247,26 @@ class Candidates:
         if best is not found:
             best = self._polished(solid, [best])[0]
         return best, [other for other in (found, *others) if self._lead(solid, best, other) < TELLING]
+
+    def _slid(self, shape: Shape, found: Candidate) -> list[Hypothesis]:
+        """Where else along its own axes it may be, if not all of its outline is where it was found."""
+        evidence, here = found.evidence, found.hypothesis
+        if isinstance(shape, Sphere) or (evidence.worst_side < ONE_SIDE and evidence.outlined > SEEN_AROUND):
+            return []
+        T, sizes = here.T_support_model, size_of(shape)
+        guesses = [here]
+        for axis in range(3):
+            way = T[:2, axis]
+            if way @ way < 0.5:  # upright
+                continue
+            for k in range(1, 1 + int(FARTHEST_SLIDE * sizes[axis] / SLIDE)):
+                for sign in (-1, 1):
+                    there = T.copy()
+                    there[:2, 3] += sign * k * SLIDE * way / np.sqrt(way @ way)
+                    guesses.append(here._replace(T_support_model=there))
+        promise = self._looked(shape, guesses)[:, 0]
+        order = np.argsort(-promise[1:], kind="stable")[:SLID] + 1
+        return [guesses[k] for k in order if promise[k] > promise[0] - SLID_BEHIND]
 
     def _lead(self, solid: Solid, one: Candidate, other: Candidate) -> float:
         """Pixels by which one candidate explains more than another one of the same solid."""
@@ -260,20 +296,23 @@ class Candidates:
 
     def _most_promising(self, model: ObjectModel, guesses: list[Hypothesis], fewest: float) -> list[Hypothesis]:
         """A quick look at each hypothesis; the best few of each place."""
-        view, rough = self.scene.view, solid_of(model.shape, coarse=True)
-        shape = rough.vertices, rough.faces, rough.edges
-        looks = [np.zeros((0, 2))]
-        for first in range(0, len(guesses), LOOKS_AT_ONCE):
-            self.checkpoint("look", first / len(guesses))
-            supports, T, footings = _columns(guesses[first : first + LOOKS_AT_ONCE])
-            scene = view.depth, view.pinhole, *shape, self.clues.stacked, supports
-            limits = QUICK_PIXELS, ROUGH_OUTLINE, QUICK_TOLERANCE, PROMISING
-            looks.append(verify.look(*scene, T, footings, self.scene.noise, *limits))
-        promise, match = np.concatenate(looks).T
+        promise, match = self._looked(model.shape, guesses).T
         least = np.array([PROMISING if guess.carried else PROMISING_UNSEEN for guess in guesses])
         ranks = np.where((promise > least) & (match * STILL_GROWS > fewest), promise, -np.inf)
         order = np.argsort(-ranks, kind="stable")[: int((ranks > PROMISING).sum())]
         return _best_of_each_place([(float(ranks[k]), guesses[k]) for k in order], min(size_of(model.shape)))
+
+    def _looked(self, shape: Shape, guesses: list[Hypothesis]) -> NDArray[np.float64]:
+        """Promise and matching pixels (N, 2) of hypotheses."""
+        view, rough = self.scene.view, solid_of(shape, coarse=True)
+        looks = [np.zeros((0, 2))]
+        for first in range(0, len(guesses), LOOKS_AT_ONCE):
+            self.checkpoint("look", first / len(guesses))
+            supports, T, footings = _columns(guesses[first : first + LOOKS_AT_ONCE])
+            scene = view.depth, view.pinhole, rough.vertices, rough.faces, rough.edges, self.clues.stacked, supports
+            limits = QUICK_PIXELS, ROUGH_OUTLINE, QUICK_TOLERANCE, PROMISING
+            looks.append(verify.look(*scene, T, footings, self.scene.noise, *limits))
+        return np.concatenate(looks)
 
 
 def rank_of(candidate: Candidate) -> float:
@@ -295,6 +334,12 @@ def near(a: Hypothesis, b: Hypothesis, metres: float, degrees: float) -> bool:
         return False
     turn = (np.trace(a.T_support_model[:3, :3].T @ b.T_support_model[:3, :3]) - 1) / 2
     return degrees > 180 or bool(turn > np.cos(np.radians(degrees)))
+
+
+def not_astray(candidate: Candidate, again: Candidate) -> Candidate:
+    """What was fitted once more, unless that led away to a worse place."""
+    is_near = near(candidate.hypothesis, again.hypothesis, ASTRAY, 180.0)
+    return again if is_near or rank_of(again) > rank_of(candidate) else candidate
 
 
 def _play(guess: Hypothesis) -> float:
