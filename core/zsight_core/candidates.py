@@ -6,6 +6,7 @@ that all queries share it.
 
 from __future__ import annotations
 
+from functools import cached_property
 from math import log
 from typing import TYPE_CHECKING, NamedTuple
 from weakref import WeakKeyDictionary
@@ -16,7 +17,7 @@ from numba import njit
 from zsight_core import refine, verify
 from zsight_core.claims import ROOM_SHARED, Claim, claimed
 from zsight_core.clues import Clues, Hypothesis, clues_of
-from zsight_core.contest import TELLING, lead
+from zsight_core.contest import NOBODY, lead
 from zsight_core.contour import MOST
 from zsight_core.model import Mesh, Sphere, size_of
 from zsight_core.overlap import shared
@@ -105,6 +106,12 @@ DOUBTFUL = 0.15
 ASTRAY = 0.005
 """Metres from which one more fit has led elsewhere."""
 
+FIT_COUNTS = 5.0
+"""Pixels that a pose is ahead of another one for each e times that its odds are better."""
+
+SAME_POSE = 0.005, 5.0
+"""Metres and degrees within which another pose is no other way to be there."""
+
 SLIDE, FARTHEST_SLIDE = 0.01, 0.4
 """Steps, metres, in which a candidate is slid along its own axes, and how far at most, as a share of its length."""
 
@@ -137,8 +144,8 @@ class Trials(NamedTuple):
     """All that were fitted well."""
     kept: list[Candidate]
     """The best of each place."""
-    alike: list[list[Candidate]]
-    """Of each of them, other ways to rest there that the image does not tell from it."""
+    ways: list[list[Candidate]]
+    """Of each of them, all poses that were tried there, itself among them."""
 
 
 class Counts(NamedTuple):
@@ -172,7 +179,7 @@ class Candidates:
         if known is None:
             tried, kept, counts = self.among(model, self.clues)
             settled = [self._settled(model.shape, candidate, tried) for candidate in kept]
-            trials = Trials(tried, [best for best, _ in settled], [alike for _, alike in settled])
+            trials = Trials(tried, [best for best, _ in settled], [ways for _, ways in settled])
             known = self._known[id(model.shape)] = _Known(model.shape, trials, counts)
         return known.trials, known.counts
 
@@ -223,9 +230,9 @@ class Candidates:
         ]
 
     def _settled(self, shape: Shape, found: Candidate, tried: list[Candidate]) -> tuple[Candidate, list[Candidate]]:
-        """The pose at a place that the image is most for, and those that it does not tell from it."""
+        """The pose at a place that the image is most for, and all that were tried there."""
         if found.probability <= DOUBTFUL:
-            return found, []
+            return found, [found]
         solid, hull, here = solid_of(shape), solid_of(shape, coarse=True), found.hypothesis
         guesses = [*turned(shape, self.clues, here), *self._slid(shape, found)]
 
@@ -235,18 +242,49 @@ class Candidates:
 
         rough = self._fitted(solid, guesses, pixels=300, steps=ROUGH_STEPS, look=800)
         rough = [candidate for candidate in rough if candidate.logit > LIKELY and is_here(candidate)]
-        ahead = [self._lead(solid, candidate, found) for candidate in rough]
+        ahead = [self._lead(shape, candidate, found, self.nobody, 0) for candidate in rough]
         close = [k for k in np.argsort(-np.array(ahead), kind="stable") if ahead[k] > -TURNED_BEHIND][:WELL_TURNED]
-        others = [candidate for candidate in tried if candidate is not found and is_here(candidate)]
+        others = [candidate for candidate in tried if is_here(candidate)]
         others += self._fitted(solid, [rough[k].hypothesis for k in close], pixels=900, steps=8, look=4000)
-        others = [other for other in others if other.probability > DOUBTFUL]
-        best = found
-        for other in others:
-            if self._lead(solid, other, best) > TELLING:
-                best = other
-        if best is not found:
-            best = self._polished(solid, [best])[0]
-        return best, [other for other in (found, *others) if self._lead(solid, best, other) < TELLING]
+        others = [
+            other for other in others if other.probability > DOUBTFUL and not near(other.hypothesis, here, *SAME_POSE)
+        ]
+        ways = [found, *sorted(others, key=lambda other: -rank_of(other))]
+        best, others = self.best_of(shape, ways, self.nobody, 0)
+        return best, [best, *others]
+
+    def best_of(
+        self, shape: Shape, ways: list[Candidate], owners: NDArray[np.int16], own: int, behind: float = np.inf
+    ) -> tuple[Candidate, list[Candidate]]:
+        """The one of some poses at a place that the image is most for, and those that are not far behind.
+
+        Args:
+            shape: of all.
+            ways: the poses; the first one was fitted with care, another one that is ahead of it is so here.
+            owners: (H, W) numbers of the candidates that explain pixels.
+            own: number of this one.
+            behind: pixels by which a pose is left out.
+        """
+        best, ahead = ways[0], [0.0] * len(ways)
+        for k, other in enumerate(ways[1:], 1):
+            ahead[k] = -self._lead(shape, other, best, owners, own)
+            if ahead[k] < 0:
+                best, ahead[:k] = other, [self._lead(shape, other, way, owners, own) for way in ways[:k]]
+                ahead[k] = 0.0
+        others = [way for way, by in zip(ways, ahead, strict=True) if way is not best and by < behind]
+        return best if best is ways[0] else self._polished(solid_of(shape), [best])[0], others
+
+    def _lead(self, shape: Shape, one: Candidate, other: Candidate, owners: NDArray[np.int16], own: int) -> float:
+        """Pixels by which one pose of a shape is ahead of another one."""
+        view, solid = self.scene.view, solid_of(shape)
+        T_a, T_b = (self.clues.frames[c.hypothesis.support] @ c.hypothesis.T_support_model for c in (one, other))
+        scene = view.depth, view.pinhole, solid.vertices, solid.faces
+        return lead(*scene, T_a, T_b, self.scene.noise, owners, own) + FIT_COUNTS * (one.logit - other.logit)
+
+    @cached_property
+    def nobody(self) -> NDArray[np.int16]:
+        """That no pixel (H, W) is known to be explained by anything."""
+        return np.full(self.scene.view.depth.shape, NOBODY, np.int16)
 
     def _slid(self, shape: Shape, found: Candidate) -> list[Hypothesis]:
         """Where else along its own axes it may be, if not all of its outline is where it was found."""
@@ -267,12 +305,6 @@ class Candidates:
         promise = self._looked(shape, guesses)[:, 0]
         order = np.argsort(-promise[1:], kind="stable")[:SLID] + 1
         return [guesses[k] for k in order if promise[k] > promise[0] - SLID_BEHIND]
-
-    def _lead(self, solid: Solid, one: Candidate, other: Candidate) -> float:
-        """Pixels by which one candidate explains more than another one of the same solid."""
-        view = self.scene.view
-        T_a, T_b = (self.clues.frames[c.hypothesis.support] @ c.hypothesis.T_support_model for c in (one, other))
-        return lead(view.depth, view.pinhole, solid.vertices, solid.faces, T_a, T_b, self.scene.noise)
 
     def _fitted(self, solid: Solid, guesses: list[Hypothesis], pixels: int, steps: int, look: int) -> list[Candidate]:
         found: list[Candidate] = []
