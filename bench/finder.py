@@ -26,7 +26,7 @@ from zsight.catalogue.type_files import load, shipped_folder
 from zsight.cli.benching import machine
 from zsight_core import find as finder
 from zsight_core import scene as scene_stage
-from zsight_core.contest import lead
+from zsight_core.contest import NOBODY, lead
 from zsight_core.model import Box, Cylinder, Mesh, ObjectModel, Sphere, Surface, size_of
 from zsight_core.simulation import camera as simulated
 from zsight_core.simulation.kinect import Kinect
@@ -225,7 +225,8 @@ def _is_told(shape: Mesh, T: NDArray[np.float64], T_other: NDArray[np.float64], 
     """True where the view, had it no noise, would tell the true pose of a mesh from another one."""
     solid, p = solid_of(shape), drawn.camera.pinhole
     depth = np.nan_to_num(drawn.view.depth, nan=0.0, posinf=0.0).astype(np.float32)
-    ahead = lead(depth, (p.fx, p.fy, p.cx, p.cy), solid.vertices, solid.faces, T, T_other, EXACT)
+    nobody = np.full(depth.shape, NOBODY, np.int16)
+    ahead = lead(depth, (p.fx, p.fy, p.cx, p.cy), solid.vertices, solid.faces, T, T_other, EXACT, nobody, 0)
     return ahead > CLEARLY_TOLD
 
 

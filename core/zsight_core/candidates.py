@@ -6,6 +6,7 @@ that all queries share it.
 
 from __future__ import annotations
 
+from functools import cached_property
 from math import log
 from typing import TYPE_CHECKING, NamedTuple
 from weakref import WeakKeyDictionary
@@ -16,9 +17,9 @@ from numba import njit
 from zsight_core import refine, verify
 from zsight_core.claims import ROOM_SHARED, Claim, claimed
 from zsight_core.clues import Clues, Hypothesis, clues_of
-from zsight_core.contest import TELLING, lead
+from zsight_core.contest import NOBODY, lead
 from zsight_core.contour import MOST
-from zsight_core.model import Mesh, size_of
+from zsight_core.model import Mesh, Sphere, size_of
 from zsight_core.overlap import shared
 from zsight_core.recognise import hypotheses, turned
 from zsight_core.score import logit_of, probability
@@ -33,7 +34,7 @@ if TYPE_CHECKING:
     from zsight_core.model import ObjectModel, Shape
     from zsight_core.scene import Checkpoint, Scene
 
-__all__ = ["Candidate", "Candidates", "Counts", "Trials", "near", "net", "rank_of", "warm_up"]
+__all__ = ["Candidate", "Candidates", "Counts", "Trials", "near", "net", "not_astray", "rank_of", "warm_up"]
 
 ON_SURFACE, ON_TOP, ON_NOTHING = 2e-5, 0.0015, 0.004
 """Metres by which the height of a foot may be off on the surface, on a top that is seen, and on what is not seen."""
@@ -102,6 +103,27 @@ WELL_TURNED = 10
 DOUBTFUL = 0.15
 """Probability from which a candidate is fitted once more."""
 
+ASTRAY = 0.005
+"""Metres from which one more fit has led elsewhere."""
+
+FIT_COUNTS = 5.0
+"""Pixels that a pose is ahead of another one for each e times that its odds are better."""
+
+SAME_POSE = 0.005, 5.0
+"""Metres and degrees within which another pose is no other way to be there."""
+
+SLIDE, FARTHEST_SLIDE = 0.01, 0.4
+"""Steps, metres, in which a candidate is slid along its own axes, and how far at most, as a share of its length."""
+
+ONE_SIDE, SEEN_AROUND = 0.3, 0.7
+"""A candidate is slid where a larger share of one side's outline says no, or less of the whole outline is seen."""
+
+SLID_BEHIND = 0.05
+"""Promise by which a slid pose may be behind the one that was found and still be fitted."""
+
+SLID = 4
+"""Slid poses that are roughly fitted at most."""
+
 
 SURE = 0.97, 0.7, 0.85
 """Probability, share of the outline that is seen, and share of that which says yes, from which what a candidate
@@ -127,8 +149,8 @@ class Trials(NamedTuple):
     """All that were fitted well."""
     kept: list[Candidate]
     """The best of each place."""
-    alike: list[list[Candidate]]
-    """Of each of them, other ways to rest there that the image does not tell from it."""
+    ways: list[list[Candidate]]
+    """Of each of them, all poses that were tried there, itself among them."""
 
 
 class Counts(NamedTuple):
@@ -169,8 +191,8 @@ class Candidates:
             known = self._known.get(asked)
             if known is None:
                 tried, kept, counts = self.among(model, clues)
-                settled = [self._settled(model.shape, solid_of(model.shape), candidate, tried) for candidate in kept]
-                trials = Trials(tried, [best for best, _ in settled], [alike for _, alike in settled])
+                settled = [self._settled(model.shape, candidate, tried) for candidate in kept]
+                trials = Trials(tried, [best for best, _ in settled], [ways for _, ways in settled])
                 known = self._known[asked] = _Known(model.shape, trials, counts)
             yield known.trials, known.counts
             sure = [candidate for candidate in known.trials.kept if _is_sure(candidate)]
@@ -225,17 +247,18 @@ class Candidates:
     def _polished(self, solid: Solid, candidates: list[Candidate]) -> list[Candidate]:
         """Fitted once more: the first fit may have come from too far for its finest steps to catch every face."""
         doubtful = [candidate.hypothesis for candidate in candidates if candidate.probability >= DOUBTFUL]
-        better = iter(self._fitted(solid, doubtful, pixels=3000, steps=14, look=4000))
-        return [next(better) if candidate.probability >= DOUBTFUL else candidate for candidate in candidates]
+        again = iter(self._fitted(solid, doubtful, pixels=3000, steps=14, look=4000))
+        return [
+            not_astray(candidate, next(again)) if candidate.probability >= DOUBTFUL else candidate
+            for candidate in candidates
+        ]
 
-    def _settled(
-        self, shape: Shape, solid: Solid, found: Candidate, tried: list[Candidate]
-    ) -> tuple[Candidate, list[Candidate]]:
-        """The way to rest at a place that the image is most for, and those that it does not tell from it."""
-        guesses = turned(shape, self.clues, found.hypothesis) if found.probability > DOUBTFUL else []
-        if not guesses:
-            return found, []
-        hull, here = solid_of(shape, coarse=True), found.hypothesis
+    def _settled(self, shape: Shape, found: Candidate, tried: list[Candidate]) -> tuple[Candidate, list[Candidate]]:
+        """The pose at a place that the image is most for, and all that were tried there."""
+        if found.probability <= DOUBTFUL:
+            return found, [found]
+        solid, hull, here = solid_of(shape), solid_of(shape, coarse=True), found.hypothesis
+        guesses = [*turned(shape, self.clues, here), *self._slid(shape, found)]
 
         def is_here(other: Candidate) -> bool:
             T, same = other.hypothesis.T_support_model, other.hypothesis.support == here.support
@@ -243,24 +266,69 @@ class Candidates:
 
         rough = self._fitted(solid, guesses, pixels=300, steps=ROUGH_STEPS, look=800)
         rough = [candidate for candidate in rough if candidate.logit > LIKELY and is_here(candidate)]
-        ahead = [self._lead(solid, candidate, found) for candidate in rough]
+        ahead = [self._lead(shape, candidate, found, self.nobody, 0) for candidate in rough]
         close = [k for k in np.argsort(-np.array(ahead), kind="stable") if ahead[k] > -TURNED_BEHIND][:WELL_TURNED]
-        others = [candidate for candidate in tried if candidate is not found and is_here(candidate)]
+        others = [candidate for candidate in tried if is_here(candidate)]
         others += self._fitted(solid, [rough[k].hypothesis for k in close], pixels=900, steps=8, look=4000)
-        others = [other for other in others if other.probability > DOUBTFUL]
-        best = found
-        for other in others:
-            if self._lead(solid, other, best) > TELLING:
-                best = other
-        if best is not found:
-            best = self._polished(solid, [best])[0]
-        return best, [other for other in (found, *others) if self._lead(solid, best, other) < TELLING]
+        others = [
+            other for other in others if other.probability > DOUBTFUL and not near(other.hypothesis, here, *SAME_POSE)
+        ]
+        ways = [found, *sorted(others, key=lambda other: -rank_of(other))]
+        best, others = self.best_of(shape, ways, self.nobody, 0)
+        return best, [best, *others]
 
-    def _lead(self, solid: Solid, one: Candidate, other: Candidate) -> float:
-        """Pixels by which one candidate explains more than another one of the same solid."""
-        view = self.scene.view
+    def best_of(
+        self, shape: Shape, ways: list[Candidate], owners: NDArray[np.int16], own: int, behind: float = np.inf
+    ) -> tuple[Candidate, list[Candidate]]:
+        """The one of some poses at a place that the image is most for, and those that are not far behind.
+
+        Args:
+            shape: of all.
+            ways: the poses; the first one was fitted with care, another one that is ahead of it is so here.
+            owners: (H, W) numbers of the candidates that explain pixels.
+            own: number of this one.
+            behind: pixels by which a pose is left out.
+        """
+        best, ahead = ways[0], [0.0] * len(ways)
+        for k, other in enumerate(ways[1:], 1):
+            ahead[k] = -self._lead(shape, other, best, owners, own)
+            if ahead[k] < 0:
+                best, ahead[:k] = other, [self._lead(shape, other, way, owners, own) for way in ways[:k]]
+                ahead[k] = 0.0
+        others = [way for way, by in zip(ways, ahead, strict=True) if way is not best and by < behind]
+        return best if best is ways[0] else self._polished(solid_of(shape), [best])[0], others
+
+    def _lead(self, shape: Shape, one: Candidate, other: Candidate, owners: NDArray[np.int16], own: int) -> float:
+        """Pixels by which one pose of a shape is ahead of another one."""
+        view, solid = self.scene.view, solid_of(shape)
         T_a, T_b = (self.clues.frames[c.hypothesis.support] @ c.hypothesis.T_support_model for c in (one, other))
-        return lead(view.depth, view.pinhole, solid.vertices, solid.faces, T_a, T_b, self.scene.noise)
+        scene = view.depth, view.pinhole, solid.vertices, solid.faces
+        return lead(*scene, T_a, T_b, self.scene.noise, owners, own) + FIT_COUNTS * (one.logit - other.logit)
+
+    @cached_property
+    def nobody(self) -> NDArray[np.int16]:
+        """That no pixel (H, W) is known to be explained by anything."""
+        return np.full(self.scene.view.depth.shape, NOBODY, np.int16)
+
+    def _slid(self, shape: Shape, found: Candidate) -> list[Hypothesis]:
+        """Where else along its own axes it may be, if not all of its outline is where it was found."""
+        evidence, here = found.evidence, found.hypothesis
+        if isinstance(shape, Sphere) or (evidence.worst_side < ONE_SIDE and evidence.outlined > SEEN_AROUND):
+            return []
+        T, sizes = here.T_support_model, size_of(shape)
+        guesses = [here]
+        for axis in range(3):
+            way = T[:2, axis]
+            if way @ way < 0.5:  # upright
+                continue
+            for k in range(1, 1 + int(FARTHEST_SLIDE * sizes[axis] / SLIDE)):
+                for sign in (-1, 1):
+                    there = T.copy()
+                    there[:2, 3] += sign * k * SLIDE * way / np.sqrt(way @ way)
+                    guesses.append(here._replace(T_support_model=there))
+        promise = self._looked(shape, guesses)[:, 0]
+        order = np.argsort(-promise[1:], kind="stable")[:SLID] + 1
+        return [guesses[k] for k in order if promise[k] > promise[0] - SLID_BEHIND]
 
     def _fitted(self, solid: Solid, guesses: list[Hypothesis], pixels: int, steps: int, look: int) -> list[Candidate]:
         found: list[Candidate] = []
@@ -284,20 +352,23 @@ class Candidates:
 
     def _most_promising(self, model: ObjectModel, guesses: list[Hypothesis], fewest: float) -> list[Hypothesis]:
         """A quick look at each hypothesis; the best few of each place."""
-        view, rough = self.scene.view, solid_of(model.shape, coarse=True)
-        shape = rough.vertices, rough.faces, rough.edges
-        looks = [np.zeros((0, 2))]
-        for first in range(0, len(guesses), LOOKS_AT_ONCE):
-            self.checkpoint("look", first / len(guesses))
-            supports, T, footings = _columns(guesses[first : first + LOOKS_AT_ONCE])
-            scene = view.depth, view.pinhole, *shape, self.clues.stacked, supports
-            limits = QUICK_PIXELS, ROUGH_OUTLINE, QUICK_TOLERANCE, PROMISING
-            looks.append(verify.look(*scene, T, footings, self.scene.noise, *limits))
-        promise, match = np.concatenate(looks).T
+        promise, match = self._looked(model.shape, guesses).T
         least = np.array([PROMISING if guess.carried else PROMISING_UNSEEN for guess in guesses])
         ranks = np.where((promise > least) & (match * STILL_GROWS > fewest), promise, -np.inf)
         order = np.argsort(-ranks, kind="stable")[: int((ranks > PROMISING).sum())]
         return _best_of_each_place([(float(ranks[k]), guesses[k]) for k in order], min(size_of(model.shape)))
+
+    def _looked(self, shape: Shape, guesses: list[Hypothesis]) -> NDArray[np.float64]:
+        """Promise and matching pixels (N, 2) of hypotheses."""
+        view, rough = self.scene.view, solid_of(shape, coarse=True)
+        looks = [np.zeros((0, 2))]
+        for first in range(0, len(guesses), LOOKS_AT_ONCE):
+            self.checkpoint("look", first / len(guesses))
+            supports, T, footings = _columns(guesses[first : first + LOOKS_AT_ONCE])
+            scene = view.depth, view.pinhole, rough.vertices, rough.faces, rough.edges, self.clues.stacked, supports
+            limits = QUICK_PIXELS, ROUGH_OUTLINE, QUICK_TOLERANCE, PROMISING
+            looks.append(verify.look(*scene, T, footings, self.scene.noise, *limits))
+        return np.concatenate(looks)
 
 
 def rank_of(candidate: Candidate) -> float:
@@ -326,6 +397,12 @@ def near(a: Hypothesis, b: Hypothesis, metres: float, degrees: float) -> bool:
         return False
     turn = (np.trace(a.T_support_model[:3, :3].T @ b.T_support_model[:3, :3]) - 1) / 2
     return degrees > 180 or bool(turn > np.cos(np.radians(degrees)))
+
+
+def not_astray(candidate: Candidate, again: Candidate) -> Candidate:
+    """What was fitted once more, unless that led away to a worse place."""
+    is_near = near(candidate.hypothesis, again.hypothesis, ASTRAY, 180.0)
+    return again if is_near or rank_of(again) > rank_of(candidate) else candidate
 
 
 def _play(guess: Hypothesis) -> float:

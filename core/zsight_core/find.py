@@ -28,8 +28,9 @@ from zsight_core import (
     verify,
 )
 from zsight_core import scene as scene_stage
-from zsight_core.candidates import DOUBTFUL, Candidate, Candidates, Counts, Trials, near, net, rank_of
+from zsight_core.candidates import DOUBTFUL, Candidate, Candidates, Counts, Trials, net
 from zsight_core.claims import Claim, consistent, contradict
+from zsight_core.contest import TELLING, mark
 from zsight_core.errors import ModelError
 from zsight_core.model import ObjectModel, Surface, size_of
 from zsight_core.overlap import hull_area, radius, shared
@@ -56,9 +57,6 @@ Status = Literal["found", "not_found", "cannot_tell"]
 
 BOX_MARGIN = 0.01
 """Metres around a detection's box that still count as of it."""
-
-EQUIVALENT = 1.0
-"""Logarithm of odds within which two poses fit what is seen equally well."""
 
 SAME_SURFACE = 0.005
 """Metres within which two poses put the surface at one place, as the symmetries of a shape do."""
@@ -254,6 +252,20 @@ class _Pool:
         probable = [(candidate, claim) for _, candidate, claim in self.members if candidate.probability >= ACCEPTED]
         return {id(probable[k][0]) for k in consistent([claim for _, claim in probable])}
 
+    @cached_property
+    def owners(self) -> NDArray[np.int16]:
+        """Which member, by its number, explains each pixel (H, W) of those that are there."""
+        scene = self.candidates.scene
+        owners = self.candidates.nobody.copy()
+        for number, (_, candidate, (solid, T, _, _)) in enumerate(self.members):
+            if self.is_there(candidate):
+                mark(scene.view.depth, scene.view.pinhole, solid.vertices, solid.faces, T, scene.noise, number, owners)
+        return owners
+
+    def number_of(self, candidate: Candidate) -> int:
+        """Where it is in the list of members."""
+        return next(number for number, (_, known, _) in enumerate(self.members) if known is candidate)
+
     def is_there(self, candidate: Candidate) -> bool:
         """True where it is of the set that explains most."""
         return id(candidate) in self.there
@@ -362,7 +374,7 @@ class _Search:
         """Objects of one type, whether one may be there half hidden, and how likely it would have been seen."""
         trials, pool = self._trials(model), self._pool(model, rivals)
         found, doubtful = [], False
-        for candidate, alike in zip(trials.kept, trials.alike, strict=True):
+        for candidate, ways in zip(trials.kept, trials.ways, strict=True):
             if not self._wanted(self._in_cloud(candidate.hypothesis)):
                 continue
             if candidate.probability < ACCEPTED:
@@ -373,11 +385,20 @@ class _Search:
             if not pool.is_there(candidate):
                 self._reject(model, candidate, rival)
                 continue
-            solid = solid_of(model.shape, coarse=True)
-            equals = _equivalents(candidate, alike or trials.tried, solid, told=not alike)
-            found.append(self._detection(model, candidate, equals, rival))
+            best, equals = self._told(model, candidate, ways, pool)
+            found.append(self._detection(model, best, equals, rival))
             self.on_found(found[-1])
         return found, doubtful, self._seen(size_of(model.shape))
+
+    def _told(
+        self, model: ObjectModel, candidate: Candidate, ways: list[Candidate], pool: _Pool
+    ) -> tuple[Candidate, list[Candidate]]:
+        """The way to be there that what others do not explain is most for, and those not told from it."""
+        if len(ways) == 1:
+            return candidate, []
+        own = pool.number_of(candidate)
+        best, alike = self.candidates.best_of(model.shape, ways, pool.owners, own, TELLING)
+        return best, _apart_from(best, alike, solid_of(model.shape, coarse=True))
 
     def _trials(self, model: ObjectModel) -> Trials:
         """Candidates of a type asked for."""
@@ -559,16 +580,12 @@ class _Search:
         return float(free.mean()) if len(free) else 0.0
 
 
-def _equivalents(candidate: Candidate, candidates: list[Candidate], solid: Solid, *, told: bool) -> list[Candidate]:
-    """Other candidates at the same place that put the surface elsewhere, and fit as well where ranks tell that."""
+def _apart_from(candidate: Candidate, others: list[Candidate], solid: Solid) -> list[Candidate]:
+    """Those others that put the surface elsewhere than the candidate and those before."""
     from scipy.spatial import cKDTree
 
-    reach = float(np.ptp(solid.vertices, axis=0).max())
-    least = rank_of(candidate) - EQUIVALENT if told else -np.inf
     found: list[Candidate] = []
-    for other in candidates:
-        if not near(candidate.hypothesis, other.hypothesis, reach / 2, 181.0) or rank_of(other) < least:
-            continue
+    for other in others:
         if all(_differ(solid, other.hypothesis, known.hypothesis, cKDTree) for known in [candidate, *found]):
             found.append(other)
     return found

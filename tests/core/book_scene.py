@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     from zsight_core.points import Points
 
 TABLE_HEIGHT = 0.7747
-T_WORLD_CAMERA = from_rpy((0.027, 0, 1.810), (0, 1.2, 0)) @ from_quaternion((0, 0, 0), (-0.5, 0.5, -0.5, 0.5))
+T_OPTICAL = from_quaternion((0, 0, 0), (-0.5, 0.5, -0.5, 0.5))
+T_WORLD_CAMERA = from_rpy((0.027, 0, 1.810), (0, 1.2, 0)) @ T_OPTICAL
 
 TOY_BLOCK = ObjectModel("toy_block", Box((0.035, 0.2, 0.035)), (200, 30, 30))
 COKE_CAN = ObjectModel("coke_can", Cylinder(0.066, 0.122))
@@ -32,7 +33,12 @@ def at(x: float, y: float, z: float, yaw: float = 0.0) -> NDArray[np.float64]:
     return from_rpy((x, y, z), (0, 0, yaw))
 
 
-def cloud(*objects: tuple[ObjectModel, NDArray[np.float64]], noise: Noise | None = None, seed: int = 0) -> Points:
+def cloud(
+    *objects: tuple[ObjectModel, NDArray[np.float64]],
+    noise: Noise | None = None,
+    seed: int = 0,
+    T_world_camera: NDArray[np.float64] = T_WORLD_CAMERA,
+) -> Points:
     """What the camera sees of the table and the objects."""
     x, y = 0.756, -0.289
     furniture = [
@@ -42,5 +48,5 @@ def cloud(*objects: tuple[ObjectModel, NDArray[np.float64]], noise: Noise | None
         (ObjectModel("foot", Box((0.56, 0.56, 0.04))), at(x, y, 0.02)),
     ]
     bodies = tuple(Body(model.name, model, T) for model, T in [*furniture, *objects])
-    camera = Camera(Pinhole(640, 480, 554.38, 554.38, 319.5, 239.5), T_WORLD_CAMERA)
+    camera = Camera(Pinhole(640, 480, 554.38, 554.38, 319.5, 239.5), T_world_camera)
     return capture(World(bodies), camera, noise, seed)
