@@ -229,7 +229,6 @@ def warm_up() -> None:
     scene_stage.warm_up()
     for module in (clues, overlap, render, contour, refine, verify, bits, votes, peek, contest, claims, candidates):
         module.warm_up()
-    import scipy.spatial  # noqa: F401  it takes a tenth of a second, which the first query should not wait for
 
 
 class _Pool:

@@ -129,12 +129,12 @@ def run(bus: Bus, settings: Settings) -> None:
 
     catalogue_server = serve_catalogue(bus, catalogue, own_folder, work.teach, tell)
     find_core.warm_up()
-    scene_core.warm_up()
-    find_core.prepare(catalogue.models())
-    warm.set()
     work.start_reading()
     server = ActionServer(bus, settings.name, FindObjectGoal, work, settings)
     bus.ready()
+    warm.set()
+    # Shapes are worked out while the first goal may be at work already, which does so itself with those that it needs.
+    find_core.prepare(catalogue.models())
     bus.stopping.wait()
     catalogue_server.close()
     server.close()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import gc
 import logging
 import math
 import os
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from zsight.bus import RawRequest
+    from zsight.bus.link import Closable
     from zsight.services import Service
     from zsight.settings import Settings
 
@@ -183,7 +185,7 @@ def _beating(bus: Bus, service: Service, process: str, settings: Settings) -> It
     errors = _ErrorCounter()
     logging.getLogger().addHandler(errors)
     key = bus.cell.alive(host, process)
-    bus.on_ready = lambda: bus.link.declare_alive(key)
+    bus.on_ready = lambda: _declare_ready(bus, key)
     writer = bus.writer(bus.cell.health(host, process), Health)
     started = Time.now()
 
@@ -224,6 +226,14 @@ def _beating(bus: Bus, service: Service, process: str, settings: Settings) -> It
         bus.stop()
         thread.join()
         logging.getLogger().removeHandler(errors)
+
+
+def _declare_ready(bus: Bus, key: str) -> Closable:
+    """The token; what has been made up to now stays, and the garbage collector need not look at it again."""
+    if not gc.isenabled():
+        gc.freeze()
+        gc.enable()
+    return bus.link.declare_alive(key)
 
 
 class _ErrorCounter(logging.Handler):

@@ -68,10 +68,10 @@ class Tracks:
 
 def _nearest(places: NDArray[np.float64], known: list[_Track]) -> list[tuple[int, _Track]]:
     """Which of the known ones each place is of."""
-    from scipy.optimize import linear_sum_assignment
-
     if not known:
         return []
+    from scipy.optimize import linear_sum_assignment
+
     gaps = np.linalg.norm(places[:, np.newaxis] - np.array([track.place for track in known]), axis=2)
     rows, columns = linear_sum_assignment(np.minimum(gaps, REACH) ** 2)
     return [(int(k), known[c]) for k, c in zip(rows, columns, strict=True) if gaps[k, c] < REACH]

@@ -17,6 +17,8 @@ from zsight_core.points import XYZ, XYZRGB, colours, from_xyz, xyz
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from numpy.typing import NDArray
+
 LENS: Distortion = (0.1, -0.2, 0.001, -0.002, 0.05)
 CAMERA = Pinhole(32, 24, 30.0, 31.0, 15.5, 11.5)
 BENT = Pinhole(32, 24, 30.0, 31.0, 15.5, 11.5, LENS)
@@ -67,6 +69,28 @@ def test_the_nearest_point_of_a_pixel_is_seen() -> None:
     depth = depth_image.from_points(points, Pinhole(3, 3, 2.0, 2.0, 1.0, 1.0))
     assert depth[1, 1] == 1
     assert np.isnan(depth).sum() == 8
+
+
+def nearest_by_pixel(rows: NDArray[np.float64], camera: Pinhole) -> NDArray[np.float64]:
+    """Least depth (H, W) of the points that the lens throws onto each pixel, NaN where there are none."""
+    k1, k2, p1, p2, k3 = camera.distortion or (0.0,) * 5
+    z = rows[rows[:, 2] > 0, 2]
+    x, y = (rows[rows[:, 2] > 0, :2] / z[:, np.newaxis]).T
+    r2 = x**2 + y**2
+    radial = 1 + k1 * r2 + k2 * r2**2 + k3 * r2**3
+    u = np.rint(camera.fx * (x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x**2)) + camera.cx)
+    v = np.rint(camera.fy * (y * radial + p1 * (r2 + 2 * y**2) + 2 * p2 * x * y) + camera.cy)
+    seen = (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height)
+    depth = np.full((camera.height, camera.width), np.inf)
+    np.minimum.at(depth, (v[seen].astype(int), u[seen].astype(int)), z[seen])
+    return np.where(np.isinf(depth), np.nan, depth)
+
+
+@given(st.integers(0, 1000), st.sampled_from([CAMERA, BENT]))
+def test_depth_of_any_cloud_equals_the_reference(seed: int, camera: Pinhole) -> None:
+    rows = np.random.default_rng(seed).uniform([-1, -1, -0.5], [1, 1, 3], (2000, 3)).astype(np.float32)
+    expected = nearest_by_pixel(rows.astype(np.float64), camera)
+    np.testing.assert_array_equal(depth_image.from_points(from_xyz(rows), camera), expected.astype(np.float32))
 
 
 def test_distances_beyond_16_bits_are_holes() -> None:

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -36,6 +37,46 @@ def table(rng: np.random.Generator, count: int, noise: float = 0.002) -> tuple[P
     T = from_rpy([0.05, 0.1, 1.0], [np.pi - 0.9, 0.1, 0.3])
     flat = np.column_stack([rng.uniform(-0.2, 0.2, (count, 2)), rng.normal(0, noise, count)])
     return plane_through(T[:3, 2], T[:3, 3]), transform_xyz(T, flat), T
+
+
+def of_all_triples(rows: Rows, threshold: float) -> Rows:
+    """(4,) plane through three of the points with the least truncated squares (MSAC), each combination tried."""
+    a, b, c = (rows[np.array(corner)] for corner in zip(*combinations(range(len(rows)), 3), strict=True))
+    normals = np.cross(b - a, c - a)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    distances = (normals * a).sum(axis=1)
+    cost = np.minimum((normals @ rows.T - distances[:, np.newaxis]) ** 2, threshold**2).sum(axis=1)
+    best = int(cost.argmin())
+    return np.array([*normals[best], distances[best]])
+
+
+def refitted(rows: Rows, plane: Rows, tolerance: float, rounds: int) -> tuple[Rows, int]:
+    """The plane of least squares through the points near it, again and again; and to how many it was fitted."""
+    near = rows
+    for _ in range(rounds):
+        near = rows[np.abs(rows @ plane[:3] - plane[3]) <= tolerance]
+        centre = near.mean(axis=0)
+        normal = np.linalg.svd(near - centre)[2][2]
+        plane = np.array([*normal, normal @ centre])
+    return (-plane if plane[3] > 0 else plane), len(near)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_fits_equal_the_search_of_all_triples(seed: int) -> None:
+    rng, threshold = np.random.default_rng(seed), 0.01
+    _, on, _ = table(rng, 26)
+    rows = np.concatenate([on, on[:12] + rng.uniform(-0.15, 0.15, (12, 3))]).astype(np.float32)
+    exact = rows.astype(np.float64)
+    plane, count = refitted(exact, of_all_triples(exact, threshold), threshold, 5)
+    fit = ransac_plane(rows, threshold)
+    assert fit.inliers == count
+    assert_allclose(fit.plane.coefficients(), plane, atol=1e-5)
+    off = np.abs(exact @ plane[:3] - plane[3])
+    noise = 2.5 * 1.4826 * np.median(off[off <= threshold])
+    plane, count = refitted(exact, plane, min(threshold, noise), 2)
+    fit = fit_robust(rows, threshold)
+    assert fit.inliers == count
+    assert_allclose(fit.plane.coefficients(), plane, atol=1e-5)
 
 
 @settings(max_examples=50, deadline=None)

@@ -17,8 +17,6 @@ from zsight_core.atomic_file import atomic_file
 from zsight_core.errors import CoreError
 from zsight_core.mesh_file import read as read_mesh
 from zsight_core.model import Surface, size_of
-from zsight_core.simulation.settle import resting_poses
-from zsight_core.symmetry import symmetries_of
 from zsight_protocol.codec import decode, encode
 from zsight_protocol.errors import ProtocolError
 from zsight_protocol.object_type import CatalogAnswer, CatalogRequest, Derived, StablePose, SymmetryAxis, Teaching
@@ -207,6 +205,9 @@ def _former(kind: ObjectType, version: int, folder: Path | None) -> ObjectType:
 
 def _derived(kind: ObjectType, catalogue: Catalogue) -> Derived:
     """What follows from the shape of a type."""
+    from zsight_core.simulation.settle import resting_poses  # scipy comes with these, which a start need not wait for
+    from zsight_core.symmetry import symmetries_of
+
     shape = catalogue.model(kind.name).shape
     length, width, height = size_of(shape)
     return Derived(

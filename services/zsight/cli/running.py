@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import sys
 from dataclasses import replace
@@ -28,6 +29,7 @@ def run(
     everybody: Open = False,
 ) -> None:
     """Run one service here until Ctrl-C; its settings follow as options (zsight run SERVICE --help lists them)."""
+    gc.disable()  # until the service is ready: nothing of what it imports will ever be garbage
     from zsight.parameters import load
     from zsight.services import SERVICES
     from zsight.services import service as find_service
