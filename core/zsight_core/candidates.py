@@ -34,7 +34,18 @@ if TYPE_CHECKING:
     from zsight_core.model import ObjectModel, Shape
     from zsight_core.scene import Checkpoint, Scene
 
-__all__ = ["Candidate", "Candidates", "Counts", "Trials", "near", "net", "not_astray", "rank_of", "warm_up"]
+__all__ = [
+    "Candidate",
+    "Candidates",
+    "Counts",
+    "Trials",
+    "is_sure",
+    "near",
+    "net",
+    "not_astray",
+    "rank_of",
+    "warm_up",
+]
 
 ON_SURFACE, ON_TOP, ON_NOTHING = 2e-5, 0.0015, 0.004
 """Metres by which the height of a foot may be off on the surface, on a top that is seen, and on what is not seen."""
@@ -126,8 +137,9 @@ SLID = 4
 
 
 SURE = 0.97, 0.7, 0.85
-"""Probability, share of the outline that is seen, and share of that which says yes, from which what a candidate
-explains is not looked at for further types."""
+"""Probability, share of the outline that is seen, and share of that which says yes, from which nothing else is looked
+for in the pixels that a candidate explains; of 1279 answers in 150 crowded train scenes 84 of 100 had more, and one of
+15 wrong ones."""
 
 
 class Candidate(NamedTuple):
@@ -195,7 +207,7 @@ class Candidates:
                 trials = Trials(tried, [best for best, _ in settled], [ways for _, ways in settled])
                 known = self._known[asked] = _Known(model.shape, trials, counts)
             yield known.trials, known.counts
-            sure = [candidate for candidate in known.trials.kept if _is_sure(candidate)]
+            sure = [candidate for candidate in known.trials.kept if is_sure(candidate)]
             for candidate in sure:
                 self._explain(model, candidate, explained)
             clues = clues.without(explained) if sure else clues
@@ -381,7 +393,7 @@ def net(candidate: Candidate) -> float:
     return candidate.evidence.match - 2 * candidate.evidence.through
 
 
-def _is_sure(candidate: Candidate) -> bool:
+def is_sure(candidate: Candidate) -> bool:
     """True where it is probable, and the outline seen says so: something else that explains its pixels is not there."""
     evidence = candidate.evidence
     least = candidate.probability, evidence.outlined, evidence.outline

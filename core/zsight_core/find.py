@@ -28,7 +28,7 @@ from zsight_core import (
     verify,
 )
 from zsight_core import scene as scene_stage
-from zsight_core.candidates import DOUBTFUL, Candidate, Candidates, Counts, Trials, net
+from zsight_core.candidates import DOUBTFUL, Candidate, Candidates, Counts, Trials, is_sure, net
 from zsight_core.claims import Claim, consistent, contradict
 from zsight_core.contest import TELLING, mark
 from zsight_core.errors import ModelError
@@ -76,13 +76,6 @@ GUESSED_WITHIN = 0.01
 
 GUESSED_SHARED = 0.05
 """Room that a hypothesis must share with a candidate, from which its fit may contradict it."""
-
-CLEAR = 0.96
-"""Probability, and share of the outline seen that says yes, from which no rival is looked for where it is SEEN_AROUND;
-of 42 rivals that took a place in 70 train scenes none took one of a candidate with more than 0.942."""
-
-SEEN_AROUND = 0.7
-"""Share of the outline that must be seen for that."""
 
 SURELY_SEEN = 0.5
 """Probability of having been seen below which an absent object makes the answer cannot_tell."""
@@ -231,19 +224,24 @@ def warm_up() -> None:
         module.warm_up()
 
 
+_Member = tuple[ObjectModel, Candidate, Claim]
+
+
 class _Pool:
     """Candidates of which those that contradict each other cannot all be there."""
 
     def __init__(self, candidates: Candidates) -> None:
         self.candidates = candidates
-        self.members: list[tuple[ObjectModel, Candidate, Claim]] = []
+        self.members: list[_Member] = []
 
-    def add(self, model: ObjectModel, candidate: Candidate, beside: Claim | None = None) -> None:
-        """Take in a candidate that is not hopeless; with a claim beside it, only if both cannot be there."""
+    def add(self, model: ObjectModel, candidate: Candidate, beside: Claim | None = None) -> Claim | None:
+        """Take in a candidate that is not hopeless, and its claim; with one beside it, only if both cannot be there."""
         if candidate.probability > DOUBTFUL and all(candidate is not known for _, known, _ in self.members):
             claim = self.candidates.claim(model, candidate)
             if beside is None or contradict(claim, beside):
                 self.members.append((model, candidate, claim))
+                return claim
+        return None
 
     @cached_property
     def there(self) -> set[int]:
@@ -412,7 +410,7 @@ class _Search:
     def _known(self) -> dict[int, tuple[Trials, Counts]]:
         """Candidates of all types asked for; the largest first, for small things may be seen on sides of large ones."""
         solids = [model for model in self.models if not isinstance(model.shape, Surface)]
-        solids.sort(key=lambda model: -hull_area(solid_of(model.shape, coarse=True)))
+        solids.sort(key=_size)
         found, start = {}, perf_counter()
         for model, known in zip(solids, self.candidates.in_turn(solids), strict=True):
             found[id(model)] = known
@@ -433,13 +431,18 @@ class _Search:
                 pool.add(one, candidate)
         names = {one.name for one in asked}
         others = [rival for rival in rivals if rival.name not in names and not isinstance(rival.shape, Surface)]
-        for one, candidate, claim in list(pool.members):
-            if candidate.probability < ACCEPTED or _is_clear(candidate):
-                continue
-            for rival in others:
+        others.sort(key=_size)
+        probable = [member for member in pool.members if member[1].probability >= ACCEPTED]
+        beaten: set[int] = set()
+        for one, candidate, claim in probable:
+            for rival in others if not is_sure(candidate) else ():
+                if id(candidate) in beaten:
+                    break
                 if self._most_pixels(rival, candidate.hypothesis) > net(candidate):
                     for other in self._candidates_of_rival(rival, one, candidate):
-                        pool.add(rival, other, beside=claim)
+                        against = pool.add(rival, other, beside=claim)
+                        if against and other.probability >= ACCEPTED:
+                            beaten |= _beaten_by(against, probable)
         return pool
 
     def _most_pixels(self, rival: ObjectModel, there: Hypothesis) -> float:
@@ -602,10 +605,16 @@ def _apart(T_a: NDArray[np.float64], T_b: NDArray[np.float64]) -> NDArray[np.flo
     return np.append(T_b[:3, 3] - T_a[:3, 3], np.arctan2(R[1, 0] - R[0, 1], R[0, 0] + R[1, 1]))
 
 
-def _is_clear(candidate: Candidate) -> bool:
-    """True where the outline is seen nearly all around and says yes: nothing larger is there."""
-    evidence = candidate.evidence
-    return candidate.probability > CLEAR and evidence.outlined > SEEN_AROUND and evidence.outline > CLEAR
+def _size(model: ObjectModel) -> float:
+    """A number that is smaller for larger solids."""
+    return -hull_area(solid_of(model.shape, coarse=True))
+
+
+def _beaten_by(rival: Claim, probable: list[_Member]) -> set[int]:
+    """Those candidates, by identity, that a rival contradicts and outweighs all together; no further one is needed."""
+    against = [(candidate, claim.worth) for _, candidate, claim in probable if contradict(claim, rival)]
+    outweighs = rival.worth > sum(worth for _, worth in against)
+    return {id(candidate) for candidate, _ in against} if outweighs else set()
 
 
 def _is_cut(evidence: Evidence) -> bool:

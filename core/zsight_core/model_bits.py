@@ -76,7 +76,7 @@ def _model_bits(vertices: bytes, faces: bytes, rotation: bytes, is_round: bool) 
     some = np.linspace(0, len(surface.points) - 1, min(len(surface.points), SAMPLES)).astype(np.int64)
     some = np.random.default_rng(0).permutation(some)  # any part of them is spread over the surface as well
     along = (surface.points[some] * surface.ways[some]).sum(axis=1)
-    samples = np.ascontiguousarray(np.vstack([surface.points[some].T, surface.ways[some].T, along]), np.float32)
+    samples = np.column_stack([surface.points[some], surface.ways[some], along]).T.astype(np.float32, order="C")
     order = _order(corners)
     if is_round:
         surface, rim = _meridian(surface), _meridian(rim)

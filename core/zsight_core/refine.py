@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 
 from zsight_core.contour import MOST, SPACING, scan
-from zsight_core.render import draw, face_planes, place, region_of
+from zsight_core.render import draw, face_planes, moved_planes, place, product, region_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -69,10 +69,24 @@ def fit(
         marginalised).
     """
     fitted, information = np.empty((len(bases), 4, 4)), np.empty((len(bases), 4, 4))
+    planes = face_planes(vertices, faces)
     for i in range(len(bases)):
         frame, guess = T_optical_supports[supports[i]], T_support_models[i]
         fitted[i], information[i] = _fit(
-            depth, pinhole, vertices, faces, edges, frame, guess, bases[i], loose[i], noise, steps, most, outline
+            depth,
+            pinhole,
+            vertices,
+            faces,
+            edges,
+            planes,
+            frame,
+            guess,
+            bases[i],
+            loose[i],
+            noise,
+            steps,
+            most,
+            outline,
         )
     return fitted, information
 
@@ -84,6 +98,7 @@ def _fit(  # noqa: C901  one compiled loop over pixels; splitting it would pass 
     vertices: NDArray[np.float64],
     faces: NDArray[np.int32],
     edges: NDArray[np.int32],
+    model_planes: NDArray[np.float64],
     T_optical_support: NDArray[np.float64],
     T_support_model: NDArray[np.float64],
     base: float,
@@ -108,12 +123,12 @@ def _fit(  # noqa: C901  one compiled loop over pixels; splitting it would pass 
     information = np.zeros((5, 5))
     height, width = depth.shape
     for iteration in range(steps):
-        T_optical_model = T_optical_support @ T
+        T_optical_model = product(T_optical_support, T)
         placed = place(T_optical_model, vertices)
         region = region_of(placed, pinhole, most)
         if region[2] == 0:
             break
-        planes = face_planes(placed, faces)
+        planes = moved_planes(T_optical_model, model_planes)
         w, face = draw(placed, faces, planes, pinhole, region)
         u0, v0, columns, rows, step = region
         H = np.zeros((5, 5))

@@ -10,7 +10,7 @@ from numba import njit
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = ["draw", "face_planes", "place", "region_of", "warm_up"]
+__all__ = ["draw", "face_planes", "moved_planes", "place", "product", "region_of", "warm_up"]
 
 ON_EDGE = 1e-7
 """Pixels beyond an edge that are still of a face, so that none is lost between two of them."""
@@ -44,6 +44,35 @@ def face_planes(vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> NDAr
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def moved_planes(T: NDArray[np.float64], planes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Planes (F, 4) of faces moved by T (4, 4); of those that look away from the origin nothing but d is told."""
+    moved = np.empty_like(planes)
+    x, y, z = T[0, 3], T[1, 3], T[2, 3]
+    # the way from the origin to that of the faces, in the frame of the faces
+    e0, e1 = T[0, 0] * x + T[1, 0] * y + T[2, 0] * z, T[0, 1] * x + T[1, 1] * y + T[2, 1] * z
+    e2 = T[0, 2] * x + T[1, 2] * y + T[2, 2] * z
+    for f in range(len(planes)):
+        n0, n1, n2 = planes[f, 0], planes[f, 1], planes[f, 2]
+        moved[f, 3] = planes[f, 3] + n0 * e0 + n1 * e1 + n2 * e2
+        if moved[f, 3] < 0:
+            for a in range(3):
+                moved[f, a] = T[a, 0] * n0 + T[a, 1] * n1 + T[a, 2] * n2
+    return moved
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def product(A: NDArray[np.float64], B: NDArray[np.float64]) -> NDArray[np.float64]:
+    """A B of two poses (4, 4): a library takes longer to be called."""
+    T = np.empty((4, 4))
+    for a in range(3):
+        for b in range(4):
+            T[a, b] = A[a, 0] * B[0, b] + A[a, 1] * B[1, b] + A[a, 2] * B[2, b]
+        T[a, 3] += A[a, 3]
+    T[3, 0], T[3, 1], T[3, 2], T[3, 3] = 0.0, 0.0, 0.0, 1.0
+    return T
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def region_of(
     vertices: NDArray[np.float64], pinhole: tuple[float, float, float, float], most: int
 ) -> tuple[int, int, int, int, int]:
@@ -57,7 +86,8 @@ def region_of(
         z = vertices[i, 2]
         if z < 0.05:
             return 0, 0, 0, 0, 1
-        u, v = fx * vertices[i, 0] / z + cx, fy * vertices[i, 1] / z + cy
+        w = 1.0 / z
+        u, v = fx * vertices[i, 0] * w + cx, fy * vertices[i, 1] * w + cy
         low_u, high_u, low_v, high_v = min(low_u, u), max(high_u, u), min(low_v, v), max(high_v, v)
     if max(high_u - low_u, high_v - low_v) > 4000:
         return 0, 0, 0, 0, 1
@@ -130,6 +160,7 @@ def warm_up() -> None:
     """Compile the kernels (or load them from their cache)."""
     vertices = np.array([[0.0, 0.0, 1.0], [0.1, 0.0, 1.0], [0.0, 0.1, 1.0]])
     faces = np.array([[0, 2, 1]], np.int32)
-    placed = place(np.eye(4), vertices)
+    placed = place(product(np.eye(4), np.eye(4)), vertices)
+    moved_planes(np.eye(4), face_planes(vertices, faces))
     pinhole = (100.0, 100.0, 50.0, 50.0)
     draw(placed, faces, face_planes(placed, faces), pinhole, region_of(placed, pinhole, 1000))

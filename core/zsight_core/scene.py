@@ -42,6 +42,9 @@ TOO_SMALL, TOO_LARGE = 1, 2
 _GRID_CELL = 0.02
 """Metres; outlines are looked up on a grid of this cell."""
 
+CHUNK = 32
+"""Pixels of a row that are passed over at once where none is of interest."""
+
 _USUAL = SceneLimits()
 
 
@@ -453,19 +456,32 @@ def _classify(
                 above = (h > tolerance) & (h < huge)
                 level = np.uint8(2) if on else (np.uint8(4) if above else np.uint8(1))
                 row[u] = level if row[u] == 1 else row[u]
+            mine, number = over[v], np.int8(s)
             for u in range(width):
-                if row[u] == 2 and over[v, u] < 0:
-                    over[v, u] = s
-                if row[u] != 4:
+                mine[u] = number if (row[u] == 2) & (mine[u] < 0) else mine[u]
+            for u0 in range(0, width, CHUNK):
+                if u0 + CHUNK <= width and _highest(row, u0) < 4:
                     continue
-                z, x = line[u], (u - cx) / fx
-                c = int(((T[0, 0] * x + T[0, 1] * y + T[0, 2]) * z + T[0, 3] - lows[s, 0]) * (1 / _GRID_CELL))
-                r = int(((T[1, 0] * x + T[1, 1] * y + T[1, 2]) * z + T[1, 3] - lows[s, 1]) * (1 / _GRID_CELL))
-                row[u] = 1
-                if 0 <= r < grids.shape[1] and 0 <= c < grids.shape[2] and grids[s, r, c]:
-                    row[u] = 3
-                    over[v, u] = s
+                for u in range(u0, min(u0 + CHUNK, width)):
+                    if row[u] != 4:
+                        continue
+                    z, x = line[u], (u - cx) / fx
+                    c = int(((T[0, 0] * x + T[0, 1] * y + T[0, 2]) * z + T[0, 3] - lows[s, 0]) * (1 / _GRID_CELL))
+                    r = int(((T[1, 0] * x + T[1, 1] * y + T[1, 2]) * z + T[1, 3] - lows[s, 1]) * (1 / _GRID_CELL))
+                    row[u] = 1
+                    if 0 <= r < grids.shape[1] and 0 <= c < grids.shape[2] and grids[s, r, c]:
+                        row[u] = 3
+                        mine[u] = number
     return kind, over
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _highest(row: NDArray[np.uint8], first: int) -> int:
+    """Highest of a chunk of a row of kinds."""
+    most, start = np.uint8(0), np.uint64(first)
+    for i in range(CHUNK):
+        most = max(most, row[start + np.uint64(i)])
+    return int(most)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -470,16 +470,17 @@ def _contract(weights: NDArray[np.float64]) -> NDArray[np.int32]:  # noqa: C901 
     count = len(weights)
     owner = np.arange(count).astype(np.int32)
     alive = np.ones(count, np.bool_)
+    most, with_ = np.zeros(count), np.full(count, -1, np.int64)  # the best partner of each among those after it
+    for i in range(count):
+        _best_partner(weights, alive, i, most, with_)
     while True:
-        best, a, b = 0.0, -1, -1
+        best, a = 0.0, -1
         for i in range(count):
-            if not alive[i]:
-                continue
-            for j in range(i + 1, count):
-                if alive[j] and weights[i, j] > best:
-                    best, a, b = weights[i, j], i, j
+            if alive[i] and most[i] > best:
+                best, a = most[i], i
         if a < 0:
             break
+        b = with_[a]
         alive[b] = False
         for k in range(count):
             if owner[k] == b:
@@ -487,6 +488,9 @@ def _contract(weights: NDArray[np.float64]) -> NDArray[np.int32]:  # noqa: C901 
             if k not in (a, b):
                 weights[a, k] += weights[b, k]
                 weights[k, a] += weights[k, b]
+        for i in range(b):
+            if alive[i] and (i <= a or with_[i] == b):
+                _best_partner(weights, alive, i, most, with_)
     number = np.full(count, -1, np.int32)
     objects = 0
     for k in range(count):
@@ -496,3 +500,18 @@ def _contract(weights: NDArray[np.float64]) -> NDArray[np.int32]:  # noqa: C901 
     for k in range(count):
         owner[k] = number[owner[k]]
     return owner
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _best_partner(
+    weights: NDArray[np.float64],
+    alive: NDArray[np.bool_],
+    i: int,
+    most: NDArray[np.float64],
+    with_: NDArray[np.int64],
+) -> None:
+    """Note the largest weight above zero of one patch with those alive after it, and with which it has that."""
+    most[i], with_[i] = 0.0, -1
+    for j in range(i + 1, len(alive)):
+        if alive[j] and weights[i, j] > most[i]:
+            most[i], with_[i] = weights[i, j], j

@@ -309,7 +309,10 @@ def _frame(
         x = towards - (towards @ normal) * normal
     x /= np.linalg.norm(x)
     T = np.eye(4)
-    T[:3, 0], T[:3, 1], T[:3, 2] = x, np.cross(normal, x), normal
+    T[:3, 0], T[:3, 2] = x, normal
+    for a in range(3):  # the product of both; numpy's takes as long as a pass over the image
+        b, c = (a + 1) % 3, (a + 2) % 3
+        T[a, 1] = normal[b] * x[c] - normal[c] * x[b]
     T[:3, 3] = centroid - (normal @ centroid - distance) * normal
     return T
 
@@ -396,7 +399,7 @@ def _blocks(
     rows, columns = depth.shape[0] // size, depth.shape[1] // size
     moments = np.zeros((rows, columns, 10))
     planes = np.full((rows, columns, 4), np.inf)
-    middle, per_u = (size - 1) / 2, 1.0 / fx
+    middle, per_u, one = (size - 1) / 2, 1.0 / fx, np.float32(1)
     for r in range(rows):
         for c in range(columns):
             # about the block's own centre and inverse depth, so that nothing cancels
@@ -409,7 +412,7 @@ def _blocks(
                 for i in range(size):  # no way out of it: the compiler does several pixels at a time
                     on = line[i] > 0
                     x = (i - middle) * per_u if on else 0.0
-                    w = 1.0 / line[i] if on else 0.0
+                    w = np.float64(one / line[i]) if on else 0.0
                     m += 1.0 if on else 0.0
                     mx += x
                     mxx += x * x
@@ -554,15 +557,15 @@ def _refit(
 ) -> NDArray[np.float64]:
     """Moments (10,) of the pixels of every step-th row and column whose inverse depth is within gate of the plane's."""
     m = np.zeros(10)
-    A, B, C = plane[0], plane[1], plane[2]
+    A, B, C, one = plane[0], plane[1], plane[2], np.float32(1)
     for v in range(0, depth.shape[0], step):
         y = (v - cy) / fy
         n, sx, sxx, sw, swx, sww = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         for u in range(0, depth.shape[1], step):
             x = (u - cx) / fx
-            w = 1.0 / depth[v, u]
-            on = abs(w - (A * x + B * y + C)) < gate  # false for infinity, where nothing was measured
-            w = w if on else 0.0
+            measured = np.float64(one / depth[v, u])  # in single precision, which is that of the depth
+            on = abs(measured - (A * x + B * y + C)) < gate  # false for infinity, where nothing was measured
+            w = measured if on else 0.0
             x = x if on else 0.0
             n += 1.0 if on else 0.0
             sx += x

@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 
 from zsight_core.contour import MOST, scan
-from zsight_core.render import draw, face_planes, place, region_of
+from zsight_core.render import draw, face_planes, moved_planes, place, product, region_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -126,11 +126,11 @@ def compare(
     Returns:
         (N, 17) the numbers of Evidence.
     """
-    counts = np.empty((len(bases), 17))
+    counts, planes = np.empty((len(bases), 17)), face_planes(vertices, faces)
     for i in range(len(bases)):
         T_optical_support = T_optical_supports[supports[i]]
-        T = T_optical_support @ T_support_models[i]
-        seen = _pixels(depth, pinhole, vertices, faces, T, noise, most, tolerance, counts[i])
+        T = product(T_optical_support, T_support_models[i])
+        seen = _pixels(depth, pinhole, vertices, faces, planes, T, noise, most, tolerance, counts[i])
         ground = _ground(T_optical_support, bases[i])
         _outline(depth, pinhole, faces, edges, seen, ground, noise, MOST, counts[i])
     return counts
@@ -161,11 +161,11 @@ def look(
         (N, 2) promise and matching pixels of each pose; -inf where it promises less than the least.
     """
     promises = np.full((len(bases), 2), -np.inf)
-    counts = np.empty(17)
+    counts, planes = np.empty(17), face_planes(vertices, faces)
     for i in range(len(bases)):
         T_optical_support = T_optical_supports[supports[i]]
-        T = T_optical_support @ T_support_models[i]
-        seen = _pixels(depth, pinhole, vertices, faces, T, noise, most, tolerance, counts)
+        T = product(T_optical_support, T_support_models[i])
+        seen = _pixels(depth, pinhole, vertices, faces, planes, T, noise, most, tolerance, counts)
         match, through = counts[1], counts[2]
         told = counts[0] - UNTOLD * (counts[4] + counts[5] + counts[6])
         promise = (match - 2 * through) / max(told, 1.0)
@@ -194,6 +194,7 @@ def _pixels(  # noqa: C901  one compiled loop over pixels; splitting it would pa
     pinhole: tuple[float, float, float, float],
     vertices: NDArray[np.float64],
     faces: NDArray[np.int32],
+    model_planes: NDArray[np.float64],
     T_optical_model: NDArray[np.float64],
     noise: float,
     most: int,
@@ -208,7 +209,7 @@ def _pixels(  # noqa: C901  one compiled loop over pixels; splitting it would pa
     counts[:] = 0.0
     placed = place(T_optical_model, vertices)
     region = region_of(placed, pinhole, most)
-    planes = face_planes(placed, faces)
+    planes = moved_planes(T_optical_model, model_planes)
     if region[2] == 0:
         return placed, planes, np.zeros((0, 0)), region
     w, face = draw(placed, faces, planes, pinhole, region)

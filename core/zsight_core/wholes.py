@@ -163,7 +163,8 @@ def warm_up() -> None:
     work = _Work(cells, _near(label, 1), None, owner)
     work.borders()
     parts = work.parts()
-    _share_within(points, cells.start, owner, 0, parts.reach[0])
+    known = parts.size, parts.high, parts.reach, parts.colour, False, work.borders()
+    _crumb(np.zeros(1, np.int64), 0, points, cells.start, owner, *known)
     _faces(cells.row, cells.column, points, points, cells.start, points[:1], points[:1], depth, owner, parts.high)
 
 
@@ -198,32 +199,62 @@ def _join_faces_cut_in_two(work: _Work, patches: Patches, depth: NDArray[np.floa
 
 def _join_crumbs(work: _Work) -> None:
     """What stands within the footprint of a higher neighbour, small bits beside one, and handles, are part of it."""
-    parts, borders = work.parts(), work.borders()
-    for number in np.argsort(parts.size, kind="stable"):
-        if parts.size[number] == 0:
+    parts, borders, cells = work.parts(), work.borders(), work.cells
+    order, place, coloured = np.argsort(parts.size, kind="stable"), 0, work.colour is not None
+    while True:
+        known = parts.size, parts.high, parts.reach, parts.colour, coloured, borders
+        place, other = _crumb(order, place, cells.points, cells.start, work.owner, *known)
+        if other < 0:
+            return
+        work.owner[work.owner == order[place]] = other
+        parts, borders, place = work.parts(), work.borders(), place + 1
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _crumb(
+    order: NDArray[np.int64],
+    first: int,
+    points: NDArray[np.float64],
+    start: NDArray[np.int64],
+    owner: NDArray[np.int32],
+    size: NDArray[np.int64],
+    high: NDArray[np.float64],
+    reach: NDArray[np.float64],
+    colour: NDArray[np.float64],
+    coloured: bool,
+    borders: NDArray[np.int64],
+) -> tuple[int, int]:
+    """Place in the order, from the first on, of a segment that is part of a larger one, and which; -1 where none is.
+
+    Of each segment the larger neighbours are tried, those with the longest border first.
+    """
+    for place in range(first, len(order)):
+        small = order[place]
+        if size[small] == 0:
             continue
-        larger = (borders[number] > 0) & (parts.size > parts.size[number])
-        for other in sorted(np.flatnonzero(larger), key=lambda k: (-borders[number, k], k)):
-            if _belongs(work, parts, borders, int(number), int(other)):
-                work.owner[work.owner == number] = other
-                parts, borders = work.parts(), work.borders()
+        left = borders[small].copy()
+        while True:
+            large, most = -1, 0
+            for k in range(len(size)):
+                if left[k] > most and size[k] > size[small]:
+                    large, most = k, left[k]
+            if large < 0:
                 break
-
-
-def _belongs(work: _Work, parts: _Parts, borders: NDArray[np.int64], small: int, large: int) -> bool:
-    """True where the smaller segment is a part of the larger one."""
-    below = parts.high[small] - parts.high[large]
-    if below > SAME_HEIGHT:
-        return False
-    within = _share_within(work.cells.points, work.cells.start, work.owner, small, parts.reach[large])
-    if within > 0.85 and below < 0.005:
-        return True
-    if parts.size[small] < CRUMB and within > 0.3:
-        return True
-    if work.colour is None or parts.size[small] > min(HANDLE, HANDLE_SHARE * parts.size[large]):
-        return False
-    alike = np.abs(parts.colour[small] - parts.colour[large]).max() < SAME_COLOUR
-    return bool(alike and borders[small, large] > 2 * np.sqrt(parts.size[small]))
+            left[large] = 0
+            below = high[small] - high[large]
+            if below > SAME_HEIGHT:
+                continue
+            within = _share_within(points, start, owner, small, reach[large])
+            if (within > 0.85 and below < 0.005) or (size[small] < CRUMB and within > 0.3):
+                return place, large
+            if not coloured or size[small] > min(HANDLE, HANDLE_SHARE * size[large]):
+                continue
+            apart = 0.0
+            for a in range(3):
+                apart = max(apart, abs(colour[small, a] - colour[large, a]))
+            if apart < SAME_COLOUR and most > 2 * np.sqrt(size[small]):
+                return place, large
+    return len(order), -1
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
