@@ -230,7 +230,7 @@ def _fit(
     best = _msac(sample, threshold, seed, iterations)
     if not best.any():
         return best, _ON_A_LINE, 0.0
-    best, count, variance = _refit(sample.reshape(-1), (3, 0, 1, 2), _facing(best), threshold, 4)
+    best, count, variance = _refit(sample.reshape(-1), (4, 0, 1, 2), _facing(best), threshold, 4)
     if count == _ON_A_LINE:
         return best, count, variance
     if not robust:
@@ -291,13 +291,13 @@ def _random(state: int) -> int:
 
 @njit(cache=True, nogil=True)
 def _sample(words: NDArray[np.float32], layout: Layout, seed: int, size: int) -> NDArray[np.float32]:
-    """About `size` finite points (K, 3), one at random out of each of `size` equal stretches of the cloud."""
+    """About `size` finite points (K, 4) x y z 0, one at random out of each of `size` equal stretches of the cloud."""
     step, at_x, at_y, at_z = layout
     count = len(words) // step
-    sample = np.empty((min(size, count), 3), np.float32)
-    used = 0
+    sample = np.zeros((min(size, count), 4), np.float32)
+    used, high = 0, 0
     for k in range(len(sample)):
-        low, high = k * count // len(sample), (k + 1) * count // len(sample)
+        low, high = high, (k + 1) * count // len(sample)
         for attempt in range(4):
             i = low  # of one point there is nothing to choose
             if high - low > 1:
@@ -314,9 +314,9 @@ def _sample(words: NDArray[np.float32], layout: Layout, seed: int, size: int) ->
 
 @njit(cache=True, nogil=True)
 def _finite(words: NDArray[np.float32], layout: Layout) -> NDArray[np.float32]:
-    """Finite points (K, 3), at most 65536 of them: for clouds that are nearly all holes."""
+    """Finite points (K, 4) x y z 0, at most 65536 of them: for clouds that are nearly all holes."""
     step, at_x, at_y, at_z = layout
-    found = np.empty((65536, 3), np.float32)
+    found = np.zeros((65536, 4), np.float32)
     used = 0
     for i in range(len(words) // step):
         x, y, z = words[step * i + at_x], words[step * i + at_y], words[step * i + at_z]
@@ -406,8 +406,7 @@ def _near(
 ) -> None:
     tile, near = new_tile(), np.empty(TILE, np.bool_)
     for start in range(0, len(out), TILE):
-        load_tile(words, layout, -1, start, tile)
-        _mark_near(tile, plane, limit, near)
+        _mark_near(words, layout, start, tile, plane, limit, near)
         rest = out[start : start + TILE]
         rest[:] = near[: len(rest)]
 
@@ -425,8 +424,7 @@ def _take_near(
     tile, near = new_tile(), np.empty(TILE, np.uint8)
     used, count = 0, len(words) // layout[0]
     for start in range(0, count, TILE):
-        load_tile(words, layout, -1, start, tile)
-        _mark_near(tile, plane, limit, near)
+        _mark_near(words, layout, start, tile, plane, limit, near)
         used = append_marked(units, start, near[: min(TILE, count - start)], out, used)
     return used
 
@@ -439,9 +437,26 @@ def _tile_heights(tile: NDArray[np.float32], plane: NDArray[np.float64], above: 
 
 
 @njit(cache=True, nogil=True)
-def _mark_near(tile: NDArray[np.float32], plane: NDArray[np.float64], limit: Any, near: NDArray[Any]) -> None:
-    """True or 1 for each point of a tile that lies within the limit of the plane."""
+def _mark_near(
+    words: NDArray[np.float32],
+    layout: Layout,
+    start: int,
+    tile: NDArray[np.float32],
+    plane: NDArray[np.float64],
+    limit: Any,
+    near: NDArray[Any],
+) -> None:
+    """True or 1 for each point of the tile from `start` on that lies within the limit of the plane.
+
+    A full tile of packed points is read where it is, which takes no longer than reading it does; others go by `tile`.
+    """
     nx, ny, nz, d = np.float32(plane[0]), np.float32(plane[1]), np.float32(plane[2]), np.float32(plane[3])
+    if layout[0] == 4 and layout[1] == 0 and layout[2] == 1 and layout[3] == 2 and 4 * (start + TILE) <= len(words):
+        rows = words[4 * start : 4 * (start + TILE)]
+        for i in range(TILE):
+            near[i] = abs(nx * rows[4 * i] + ny * rows[4 * i + 1] + nz * rows[4 * i + 2] - d) <= limit
+        return
+    load_tile(words, layout, -1, start, tile)
     x, y, z = tile[0], tile[1], tile[2]
     for i in range(TILE):
         near[i] = abs(nx * x[i] + ny * y[i] + nz * z[i] - d) <= limit

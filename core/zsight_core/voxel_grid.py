@@ -26,13 +26,10 @@ _REACH = 2**20
 """Voxel numbers along an axis lie in -REACH .. REACH-1, so that three of them fit one 64-bit key."""
 
 _ROOM = 2**30
-"""Places, in steps, lie in -ROOM .. ROOM-1; unsigned, with ROOM added, they are kept: others have bit 31 set."""
+"""Places, in steps, lie in -ROOM .. ROOM-1; with ROOM added, others have bit 31 set."""
 
-_CROWD = 2**24
-"""More points in a voxel, and the sum of a colour channel might not fit 32 bits."""
-
-_HOLE, _FAR = np.uint32(0xC0000000), np.uint32(0x80000000)
-"""Stand in for a place: it is not finite; it is out of room."""
+_CROWD = 2**32
+"""As many points in a voxel as would have so many steps, and the sum of places might not fit 32 bits."""
 
 
 def voxel_grid(points: Points, leaf: float | tuple[float, float, float], out: Points | None = None) -> Points:
@@ -60,34 +57,34 @@ def voxel_grid(points: Points, leaf: float | tuple[float, float, float], out: Po
 
     Raises:
         GeometryError: an edge is not above zero, or a point lies 2^20 voxels or more from the origin (the sum of its
-            distances along x, y and z), or over 2^24 points share a voxel.
+            distances along x, y and z).
         PointsError: not a cloud, or `out` does not fit.
     """
     cloud = words_of(points)
     edges = _edges(leaf)
     bits = _fineness(float(edges.max()))
-    keys = scratch("voxel keys", (cloud.count + TILE,), np.uint64)
-    runs = scratch("voxel runs", (cloud.count + TILE, 6), np.uint32)
-    firsts = np.empty(0 if points.dtype in (XYZ, XYZRGB) else cloud.count + TILE, np.int32)
-    box = np.empty((2, 3), np.uint32)
-    used, far = _runs(cloud.words, cloud.layout, cloud.colour, _scale(edges, bits), bits, keys, runs, firsts, box)
-    if far:
-        bits = min(bits, _fineness_of_reach(cloud, edges, leaf))
-        used, _ = _runs(cloud.words, cloud.layout, cloud.colour, _scale(edges, bits), bits, keys, runs, firsts, box)
-    keys, runs = keys[:used], runs[:used]
-    voxel, count = _numbered(keys, (box >> bits).astype(np.int64), cloud.words.nbytes)
-    totals = scratch("voxel totals", (count, 6), np.uint64)
-    _totals(voxel, keys, runs, bits, totals)
-    if cloud.count > _CROWD and totals[:, 3].max() > _CROWD:
-        raise GeometryError(f"leaf {leaf} m gathers over 2^24 points in one voxel; use a smaller one")
     colour = colour_field(points)
     packed = XYZRGB if colour else XYZ
     same = points.dtype == packed
+    keys = scratch("voxel keys", (cloud.count + TILE,), np.uint64)
+    runs = scratch("voxel runs", (8 * (cloud.count + TILE),), np.uint32)
+    firsts = np.empty(0 if same else cloud.count + TILE, np.int32)
+    used, far = _runs(cloud.words, cloud.layout, cloud.colour, _scale(edges, bits), bits, keys, runs, firsts)
+    if far:
+        bits = min(bits, _fineness_of_reach(cloud, edges, leaf))
+        used, _ = _runs(cloud.words, cloud.layout, cloud.colour, _scale(edges, bits), bits, keys, runs, firsts)
+    number, count = _numbered(keys[:used], cloud.words.nbytes)
+    voxels, totals = scratch("voxels", (count,), np.uint64), scratch("voxel totals", (8 * count,), np.uint32)
+    if _totals(number, keys, runs, voxels, totals) > _CROWD >> bits:
+        totals = np.empty(8 * count, np.uint64)
+        _totals(number, keys, runs, voxels, totals)
     averaged = room_for(points, count, out)[:, :count] if same else np.empty((1, count), packed)
-    _emit(totals.view(np.int64), edges.astype(np.float64) / 2.0**bits, record_words(averaged), colour is not None)
+    step = edges.astype(np.float64) / 2.0**bits
+    _emit(voxels, totals, step, bits, record_words(averaged), colour is not None)
     if same:
         return averaged
-    return _with_fields(points, averaged, firsts[:used], runs[:, 3].astype(np.int64), voxel)
+    lengths = runs.reshape(-1, 8)[:used, 3].astype(np.int64)
+    return _with_fields(points, averaged, firsts[:used], lengths, number)
 
 
 def _edges(leaf: float | tuple[float, float, float]) -> NDArray[np.float32]:
@@ -154,7 +151,6 @@ def _runs(
     keys: NDArray[np.uint64],
     runs: NDArray[np.uint32],
     firsts: NDArray[np.int32],
-    box: NDArray[np.uint32],
 ) -> tuple[int, bool]:
     """Find the runs of successive points that share a voxel.
 
@@ -166,11 +162,10 @@ def _runs(
         colour: word of the packed colour, -1 without.
         scale: (3,) steps a metre.
         bits: of the steps in a voxel.
-        keys: (R,) gets the voxel of each run: the upper bits of its place, x | y << 21 | z << 42.
-        runs: (R, 6) gets the sums of the lower bits of x, y and z, the number of points, and the sums of
-            blue | green << 16 and of red | alpha << 16.
+        keys: (R,) gets the voxel of each run, x | y << 21 | z << 42, counted from -2^30 steps.
+        runs: (R * 8,) gets the sums of the lower bits of x, y and z, the number of points, and the sums of blue, green,
+            red and alpha.
         firsts: gets the first point of each run, if it has room for them.
-        box: (2, 3) gets the least and greatest places.
 
     Returns:
         How many runs there are; and whether a place is out of room: its point is left out like a hole.
@@ -178,14 +173,11 @@ def _runs(
     count = len(words) // layout[0]
     packed = layout[0] == 4 and layout[1] == 0 and layout[2] == 1 and layout[3] == 2 and (colour == 3 or colour < 0)
     rows, scales = np.empty(4 * TILE, np.float32), np.zeros(4 * TILE, np.float32)
-    coordinates, ones = np.zeros(4 * TILE, np.uint32), np.zeros(4 * TILE, np.uint32)
+    low, high = np.ones(4 * TILE, np.float32), np.ones(4 * TILE, np.float32)
     for axis in range(3):
-        scales[axis::4] = scale[axis]
-        coordinates[axis::4] = 0xFFFFFFFF
-    voxel, ones[3::4] = coordinates << np.uint32(bits), 1
-    place, changed = np.empty(4 * TILE, np.uint32), np.empty(4 * TILE, np.uint32)
-    ends = np.zeros(8 * (TILE + 1), np.uint32)
-    box[0], box[1] = np.uint32(0xFFFFFFFF), 0
+        scales[axis::4], low[axis::4], high[axis::4] = scale[axis], -(2.0**31), 2.0**31 - 128
+    place, sums = np.empty(4 * TILE, np.int32), np.zeros(8 * (TILE + 1), np.int32)
+    begins, marks = np.zeros(TILE, np.uint8), np.ones(TILE // 64 + 1, np.uint64)
     used, far = 0, False
     for start in range(0, count, TILE):
         if packed and start + TILE <= count:
@@ -193,11 +185,14 @@ def _runs(
         else:
             _load_rows(words, layout, colour, start, rows)
             tile = rows
-        _locate(tile, scales, coordinates, ones, place)
-        if _compare(place, voxel, changed):
-            found = _run_ends(place, tile.view(np.uint8), changed.view(np.uint64), ends)
-            used, too_far = _append(place, ends, found, start, bits, keys, runs, firsts, box, used)
-            far |= too_far
+        _locate(tile, scales, low, high, place)
+        _mark_begins(place, np.int32(-1 << bits), begins)
+        holes = True
+        if _pack_marks(begins.view(np.uint64), marks) or min(place[0], place[1], place[2]) >= -_ROOM:
+            _running_sums(place, tile.view(np.uint8), sums)
+            used, holes = _append(place, sums, marks, start, bits, keys, runs, firsts, used)
+        if holes:
+            far |= _any_far(tile, scales)
     return used, far
 
 
@@ -214,121 +209,140 @@ def _load_rows(words: NDArray[np.float32], layout: Layout, colour: int, start: i
 def _locate(
     rows: NDArray[np.float32],
     scales: NDArray[np.float32],
-    coordinates: NDArray[np.uint32],
-    ones: NDArray[np.uint32],
-    place: NDArray[np.uint32],
+    low: NDArray[np.float32],
+    high: NDArray[np.float32],
+    place: NDArray[np.int32],
 ) -> None:
-    """The places of the points of a tile, in steps, and 1 in the fourth word of each."""
-    room, infinite = np.float32(_ROOM), np.float32(np.inf)
-    hole, far = np.float32(-(2.0**31)), np.float32(_ROOM)  # `_HOLE` and `_FAR` with ROOM added
+    """The places of the points of a tile, in steps, between `low` and `high`; what is not a number becomes `low`."""
     for k in range(4 * TILE):
-        steps = np.floor(rows[k] * scales[k])
-        whole = np.int32(steps if abs(steps) < room else far if abs(steps) < infinite else hole)
-        place[k] = ((np.uint32(whole) + np.uint32(_ROOM)) & coordinates[k]) | ones[k]
+        steps = rows[k] * scales[k]
+        steps = steps if steps > low[k] else low[k]  # noqa: FURB136  max() would keep a NaN
+        steps = steps if steps < high[k] else high[k]  # noqa: FURB136
+        place[k] = np.int32(np.floor(steps))
 
 
 @njit(cache=True, nogil=True)
-def _compare(place: NDArray[np.uint32], voxel: NDArray[np.uint32], changed: NDArray[np.uint32]) -> bool:
-    """In which bits the voxel of a point differs from that before; False where the whole tile is a hole."""
-    some = np.uint32(0)
-    for k in range(4, 4 * TILE):
-        differs = (place[k] ^ place[k - 4]) & voxel[k]
-        changed[k] = differs
-        some |= differs
-    changed[:4] = 1
-    return some != 0 or not (place[0] == _HOLE or place[1] == _HOLE or place[2] == _HOLE)
+def _any_far(rows: NDArray[np.float32], scales: NDArray[np.float32]) -> bool:
+    """Whether a coordinate of the tile is finite and out of room."""
+    room, infinite, any_far = np.float32(_ROOM), np.float32(np.inf), False
+    for k in range(4 * TILE):
+        steps = abs(rows[k] * scales[k])
+        any_far |= (steps >= room) & (steps < infinite)
+    return any_far
 
 
 @njit(cache=True, nogil=True)
-def _run_ends(
-    place: NDArray[np.uint32], channels: NDArray[np.uint8], changed: NDArray[np.uint64], ends: NDArray[np.uint32]
-) -> Any:
-    """Running sums at the end of each run, in rows 1, 2, ... of 8 words; returns how many runs there are.
+def _mark_begins(place: NDArray[np.int32], voxel: Any, begins: NDArray[np.uint8]) -> None:
+    """1 for each point but the first whose voxel, the upper bits of its place, is not that of the point before."""
+    for i in range(1, TILE):
+        x, y, z = (
+            place[4 * i] ^ place[4 * i - 4],
+            place[4 * i + 1] ^ place[4 * i - 3],
+            place[4 * i + 2] ^ place[4 * i - 2],
+        )
+        begins[i] = np.uint8(1) if (x | y | z) & voxel else np.uint8(0)
 
-    Every point writes its sums to the row of its run, and the last ones stay: no branch that could be mispredicted. The
-    sums overflow, which does not harm, as the difference of two is again exact. The eight are added at once. (Unsigned,
+
+@njit(cache=True, nogil=True)
+def _pack_marks(eights: NDArray[np.uint64], marks: NDArray[np.uint64]) -> bool:
+    """A bit for each byte that is 1; returns whether there is any."""
+    some = np.uint64(0)
+    for group in range(TILE // 64):
+        mark = np.uint64(0)
+        for k in range(8):
+            mark |= ((eights[8 * group + k] * np.uint64(0x0102040810204080)) >> np.uint64(56)) << np.uint64(8 * k)
+        marks[group] = mark
+        some |= mark
+    return bool(some)
+
+
+@njit(cache=True, nogil=True)
+def _running_sums(place: NDArray[np.int32], channels: NDArray[np.uint8], sums: NDArray[np.int32]) -> None:
+    """Sums of all points before each, in rows of 8 words: x, y, z, anything, blue, green, red, alpha.
+
+    They overflow, which does no harm, as the difference of two is again exact. The eight are added at once. (Unsigned,
     because a signed index would be checked for counting from the end.)
     """
-    x = y = z = n = blue = green = red = alpha = np.uint32(0)
-    run, one = np.uint64(0), np.uint64(1)
+    x = y = z = w = blue = green = red = alpha = np.int32(0)
     for i in range(np.uint64(TILE)):
-        run += one if changed[np.uint64(2) * i] | changed[np.uint64(2) * i + one] else np.uint64(0)
-        k, end, byte = np.uint64(4) * i, np.uint64(8) * run, np.uint64(16) * i + np.uint64(12)
+        k, end, byte = np.uint64(4) * i, np.uint64(8) * i + np.uint64(8), np.uint64(16) * i + np.uint64(12)
         x += place[k]
         y += place[k + np.uint64(1)]
         z += place[k + np.uint64(2)]
-        n += place[k + np.uint64(3)]
-        blue += np.uint32(channels[byte])
-        green += np.uint32(channels[byte + np.uint64(1)])
-        red += np.uint32(channels[byte + np.uint64(2)])
-        alpha += np.uint32(channels[byte + np.uint64(3)])
-        ends[end] = x
-        ends[end + np.uint64(1)] = y
-        ends[end + np.uint64(2)] = z
-        ends[end + np.uint64(3)] = n
-        ends[end + np.uint64(4)] = blue
-        ends[end + np.uint64(5)] = green
-        ends[end + np.uint64(6)] = red
-        ends[end + np.uint64(7)] = alpha
-    return run
+        w += place[k + np.uint64(3)]
+        blue += np.int32(channels[byte])
+        green += np.int32(channels[byte + np.uint64(1)])
+        red += np.int32(channels[byte + np.uint64(2)])
+        alpha += np.int32(channels[byte + np.uint64(3)])
+        sums[end] = x
+        sums[end + np.uint64(1)] = y
+        sums[end + np.uint64(2)] = z
+        sums[end + np.uint64(3)] = w
+        sums[end + np.uint64(4)] = blue
+        sums[end + np.uint64(5)] = green
+        sums[end + np.uint64(6)] = red
+        sums[end + np.uint64(7)] = alpha
 
 
 @njit(cache=True, nogil=True)
 def _append(
-    place: NDArray[np.uint32],
-    ends: NDArray[np.uint32],
-    found: Any,
+    place: NDArray[np.int32],
+    sums: NDArray[np.int32],
+    marks: NDArray[np.uint64],
     start: int,
     bits: int,
     keys: NDArray[np.uint64],
     runs: NDArray[np.uint32],
     firsts: NDArray[np.int32],
-    box: NDArray[np.uint32],
     used: int,
 ) -> tuple[int, bool]:
     """Add the runs of a tile that are not holes to those of the cloud.
 
     Returns:
-        How many there are then; and whether a place of the tile is out of room.
+        How many there are then; and whether some of the tile are holes.
     """
-    shift, inside = np.uint32(bits), np.uint32((1 << bits) - 1)
-    last, first, valid = np.uint64(used), np.uint64(0), np.uint32(0x7FFFFFFF)
-    far = False
-    low_x, low_y, low_z, high_x, high_y, high_z = box[0, 0], box[0, 1], box[0, 2], box[1, 0], box[1, 1], box[1, 2]
-    for run in range(np.uint64(found)):
-        k, end = np.uint64(4) * first, np.uint64(8) * run
-        x, y, z = place[k], place[k + np.uint64(1)], place[k + np.uint64(2)]
-        n = ends[end + np.uint64(11)] - ends[end + np.uint64(3)]
-        runs[last, 0] = ends[end + np.uint64(8)] - ends[end] - n * (x & ~inside)
-        runs[last, 1] = ends[end + np.uint64(9)] - ends[end + np.uint64(1)] - n * (y & ~inside)
-        runs[last, 2] = ends[end + np.uint64(10)] - ends[end + np.uint64(2)] - n * (z & ~inside)
-        runs[last, 3] = n
-        blue, green = (
-            ends[end + np.uint64(12)] - ends[end + np.uint64(4)],
-            ends[end + np.uint64(13)] - ends[end + np.uint64(5)],
-        )
-        red, alpha = (
-            ends[end + np.uint64(14)] - ends[end + np.uint64(6)],
-            ends[end + np.uint64(15)] - ends[end + np.uint64(7)],
-        )
-        runs[last, 4] = blue | (green << np.uint32(16))
-        runs[last, 5] = red | (alpha << np.uint32(16))
-        keys[last] = (
-            np.uint64(x >> shift) | (np.uint64(y >> shift) << np.uint64(21)) | (np.uint64(z >> shift) << np.uint64(42))
-        )
-        if len(firsts):
-            firsts[last] = start + first
-        hole = (x | y | z) > valid
-        far |= (x == _FAR) | (y == _FAR) | (z == _FAR)
-        low_x, low_y, low_z = (low_x, low_y, low_z) if hole else (min(low_x, x), min(low_y, y), min(low_z, z))
-        high_x, high_y, high_z = (high_x, high_y, high_z) if hole else (max(high_x, x), max(high_y, y), max(high_z, z))
-        last += np.uint64(0) if hole else np.uint64(1)
-        first += np.uint64(n)
-    box[0, 0], box[0, 1], box[0, 2], box[1, 0], box[1, 1], box[1, 2] = low_x, low_y, low_z, high_x, high_y, high_z
-    return np.int64(last), far  # type: ignore[return-value]  # int() would keep it unsigned
+    shift, outside, room = np.uint32(bits), np.int32(-1 << bits), np.int32(_ROOM)
+    last, first, one, holes = np.uint64(used), np.uint64(0), np.uint64(1), np.uint64(0)
+    for group in range(np.uint64(len(marks))):
+        begins = marks[group]
+        while begins:
+            end = np.uint64(64) * group + _ones((begins - one) & ~begins)  # the lowest that is set
+            begins &= begins - one
+            k, a, b, n = np.uint64(4) * first, np.uint64(8) * first, np.uint64(8) * end, np.int32(end - first)
+            x, y, z, w = place[k], place[k + np.uint64(1)], place[k + np.uint64(2)], place[k + np.uint64(3)]
+            dx = sums[b] - sums[a] - np.int32(n * np.int32(x & outside))
+            dy = sums[b + np.uint64(1)] - sums[a + np.uint64(1)] - np.int32(n * np.int32(y & outside))
+            dz = sums[b + np.uint64(2)] - sums[a + np.uint64(2)] - np.int32(n * np.int32(z & outside))
+            points = sums[b + np.uint64(3)] - sums[a + np.uint64(3)] - np.int32(n * np.int32(w & outside))
+            blue = sums[b + np.uint64(4)] - sums[a + np.uint64(4)]
+            green = sums[b + np.uint64(5)] - sums[a + np.uint64(5)]
+            red = sums[b + np.uint64(6)] - sums[a + np.uint64(6)]
+            alpha = sums[b + np.uint64(7)] - sums[a + np.uint64(7)]
+            at = np.uint64(8) * last
+            runs[at] = dx
+            runs[at + np.uint64(1)] = dy
+            runs[at + np.uint64(2)] = dz
+            runs[at + np.uint64(3)] = points
+            runs[at + np.uint64(4)] = blue
+            runs[at + np.uint64(5)] = green
+            runs[at + np.uint64(6)] = red
+            runs[at + np.uint64(7)] = alpha
+            place_x, place_y, place_z = np.uint32(x + room), np.uint32(y + room), np.uint32(z + room)
+            keys[last] = (
+                np.uint64(place_x >> shift)
+                | (np.uint64(place_y >> shift) << np.uint64(21))
+                | (np.uint64(place_z >> shift) << np.uint64(42))
+            )
+            if len(firsts):
+                firsts[last] = start + first
+            hole = (place_x | place_y | place_z) >> np.uint32(31)
+            holes |= hole
+            last += one - hole
+            first = end
+    return np.int64(last), holes != 0  # type: ignore[return-value]  # int() would keep it unsigned
 
 
-def _numbered(keys: NDArray[np.uint64], box: NDArray[np.int64], room: int) -> tuple[NDArray[np.uint32], int]:
+def _numbered(keys: NDArray[np.uint64], room: int) -> tuple[NDArray[np.uint32], int]:
     """Number of each run's voxel among the occupied ones in order, uint32 (R,), and how many are occupied.
 
     A map of one bit a voxel is used while it takes at most `room` bytes; a wider cloud is sorted instead.
@@ -336,16 +350,32 @@ def _numbered(keys: NDArray[np.uint64], box: NDArray[np.int64], room: int) -> tu
     number = scratch("voxel numbers", (len(keys),), np.uint32)
     if len(keys) == 0:
         return number, 0
-    size = box[1] - box[0] + 1
-    voxels = math.prod(float(edge) for edge in size.tolist())
-    if voxels > min(8.0 * max(room, 2**20), 2.0**31 - 64):
+    low, high = _box_of(keys)
+    size = high - low + 1
+    if math.prod(float(edge) for edge in size.tolist()) > min(8.0 * max(room, 2**20), 2.0**31 - 64):
         voxel, number[:] = np.unique(keys, return_inverse=True)
         return number, len(voxel)
-    length = int(voxels) // 64 + 1
+    length = int(size.prod()) // 64 + 1
     occupied = scratch("voxel map", (length,), np.uint64, zeroed=True)
     before = scratch("voxel ranks", (length,), np.uint32)
     touched = scratch("voxel parts", (length // 64 + 1,), np.uint8, zeroed=True)
-    return number, _number_by_map(keys, box[0], size, number, occupied, before, touched)
+    return number, _number_by_map(keys, low, size, number, occupied, before, touched)
+
+
+@njit(cache=True, nogil=True)
+def _box_of(keys: NDArray[np.uint64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The least and greatest numbers of voxels along each axis, (3,) each."""
+    axis = np.uint64(2 * _REACH - 1)
+    low_x = low_y = low_z = np.uint32(0xFFFFFFFF)
+    high_x = high_y = high_z = np.uint32(0)
+    for run in range(len(keys)):
+        key = keys[run]
+        x, y, z = np.uint32(key & axis), np.uint32((key >> np.uint64(21)) & axis), np.uint32(key >> np.uint64(42))
+        low_x, low_y, low_z = min(low_x, x), min(low_y, y), min(low_z, z)
+        high_x, high_y, high_z = max(high_x, x), max(high_y, y), max(high_z, z)
+    low, high = np.empty(3, np.int64), np.empty(3, np.int64)
+    low[0], low[1], low[2], high[0], high[1], high[2] = low_x, low_y, low_z, high_x, high_y, high_z
+    return low, high
 
 
 @njit(cache=True, nogil=True)
@@ -363,13 +393,14 @@ def _number_by_map(
     `touched` has a mark for every 64 words of the map and tells which parts of it need no look. Both are zero before
     and after.
     """
-    six, low_bits, one = np.uint32(6), np.uint32(63), np.uint64(1)
-    axis = np.int64(2 * _REACH - 1)
-    size_x, size_y = size[0], size[1]
-    least = low[0] + size_x * (low[1] + size_y * low[2])
+    six, low_bits, one, axis = np.uint32(6), np.uint32(63), np.uint64(1), np.uint64(2 * _REACH - 1)
+    size_x, size_xy = np.uint64(size[0]), np.uint64(size[0] * size[1])
+    least = np.uint64(low[0] + size[0] * (low[1] + size[1] * low[2]))
     for run in range(len(keys)):
-        key = np.int64(keys[run])
-        number[run] = (key & axis) + size_x * (((key >> 21) & axis) + size_y * (key >> 42)) - least
+        key = keys[run]
+        x, y, z = key & axis, (key >> np.uint64(21)) & axis, key >> np.uint64(42)
+        number[run] = x + size_x * y + size_xy * z - least
+    for run in range(len(keys)):
         word = number[run] >> six
         occupied[word] |= one << np.uint64(number[run] & low_bits)
         touched[word >> six] = 1
@@ -379,7 +410,7 @@ def _number_by_map(
             for word in range(64 * part, min(64 * part + 64, len(occupied))):
                 before[word] = total
                 total += int(_ones(occupied[word]))
-    for run in range(len(number)):
+    for run in range(len(keys)):
         word = number[run] >> six
         lower = (one << np.uint64(number[run] & low_bits)) - one
         number[run] = before[word] + _ones(occupied[word] & lower)
@@ -401,79 +432,85 @@ def _ones(bits: Any) -> Any:
 
 @njit(cache=True, nogil=True)
 def _totals(
-    voxel: NDArray[np.uint32],
+    number: NDArray[np.uint32],
     keys: NDArray[np.uint64],
     runs: NDArray[np.uint32],
-    bits: int,
-    totals: NDArray[np.uint64],
-) -> None:
-    """Add the runs up, into (M, 6) x, y, z (places with `_ROOM` added), points, blue | red << 32, green | alpha << 32.
+    voxels: NDArray[np.uint64],
+    totals: NDArray[Any],
+) -> Any:
+    """Add up the runs of each voxel.
 
     Args:
-        voxel: number of each run's voxel.
+        number: of each run's voxel.
         keys: as `_runs` gives them.
         runs: as `_runs` gives them.
-        bits: of the steps in a voxel.
-        totals: gets the sums.
+        voxels: (M,) gets the keys of the voxels.
+        totals: (M * 8,) gets the sums of their runs.
+
+    Returns:
+        The most points that a voxel has.
     """
     totals[:] = 0
-    axis, shift, low, half = np.uint64(2 * _REACH - 1), np.uint64(bits), np.uint64(0xFFFF), np.uint64(16)
-    for run in range(len(voxel)):
-        here = voxel[run]
-        key, points = keys[run], np.uint64(runs[run, 3])
-        whole = points << shift
-        totals[here, 0] += np.uint64(runs[run, 0]) + (key & axis) * whole
-        totals[here, 1] += np.uint64(runs[run, 1]) + ((key >> np.uint64(21)) & axis) * whole
-        totals[here, 2] += np.uint64(runs[run, 2]) + (key >> np.uint64(42)) * whole
-        totals[here, 3] += points
-        one, other = np.uint64(runs[run, 4]), np.uint64(runs[run, 5])
-        totals[here, 4] += (one & low) | ((other & low) << np.uint64(32))
-        totals[here, 5] += (one >> half) | ((other >> half) << np.uint64(32))
+    most = np.uint64(0)
+    for run in range(np.uint64(len(number))):
+        k, r = np.uint64(8) * number[run], np.uint64(8) * run
+        voxels[number[run]] = keys[run]
+        a = totals[k] + runs[r]
+        b = totals[k + np.uint64(1)] + runs[r + np.uint64(1)]
+        c = totals[k + np.uint64(2)] + runs[r + np.uint64(2)]
+        d = totals[k + np.uint64(3)] + runs[r + np.uint64(3)]
+        e = totals[k + np.uint64(4)] + runs[r + np.uint64(4)]
+        f = totals[k + np.uint64(5)] + runs[r + np.uint64(5)]
+        g = totals[k + np.uint64(6)] + runs[r + np.uint64(6)]
+        h = totals[k + np.uint64(7)] + runs[r + np.uint64(7)]
+        totals[k] = a
+        totals[k + np.uint64(1)] = b
+        totals[k + np.uint64(2)] = c
+        totals[k + np.uint64(3)] = d
+        totals[k + np.uint64(4)] = e
+        totals[k + np.uint64(5)] = f
+        totals[k + np.uint64(6)] = g
+        totals[k + np.uint64(7)] = h
+        most = max(most, np.uint64(totals[k + np.uint64(3)]))  # read back: taken out of the row, it would break it up
+    return most
 
 
 @njit(cache=True, nogil=True, error_model="numpy")  # no voxel is empty, and a test for it would cost a tenth
-def _emit(totals: NDArray[np.int64], step: NDArray[np.float64], words: NDArray[np.float32], coloured: bool) -> None:
-    """Write the averages, one voxel after the other, into 16-byte points; `step` in metres (3,)."""
-    tile = new_tile()
-    for start in range(0, len(totals), TILE):
-        part = totals[start : start + TILE]
-        _average(part, step, coloured, tile, tile[3].view(np.uint32))
-        into = words[4 * start : 4 * (start + len(part))]
-        for i in range(len(part)):
-            into[4 * i], into[4 * i + 1], into[4 * i + 2], into[4 * i + 3] = (
-                tile[0, i],
-                tile[1, i],
-                tile[2, i],
-                tile[3, i],
-            )
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _average(
-    totals: NDArray[np.int64],
+def _emit(
+    keys: NDArray[np.uint64],
+    totals: NDArray[Any],
     step: NDArray[np.float64],
+    bits: int,
+    words: NDArray[np.float32],
     coloured: bool,
-    tile: NDArray[np.float32],
-    colour: NDArray[np.uint32],
 ) -> None:
-    """Averages of up to a tile of voxels, side by side."""
+    """Write the averages, one voxel after the other, into 16-byte points; `step` in metres (3,)."""
     tiny = 2.0**-34  # lifts a quotient that rounding left just below a whole number; others lie 1 / points below it
     origin = _ROOM - 0.5  # a place was cut off to the step below
-    low = 0xFFFFFFFF
+    whole = 2.0**bits
+    channels, colours = words.view(np.uint8), words.view(np.uint32)
     sx, sy, sz = step[0], step[1], step[2]
-    for i in range(len(totals)):
-        share = 1.0 / totals[i, 3]
-        tile[0, i] = np.float32((totals[i, 0] * share - origin) * sx)
-        tile[1, i] = np.float32((totals[i, 1] * share - origin) * sy)
-        tile[2, i] = np.float32((totals[i, 2] * share - origin) * sz)
-    for i in range(len(totals)):
-        share = 1.0 / totals[i, 3]
-        even, odd = totals[i, 4], totals[i, 5]
-        blue, red = np.int64((even & low) * share + tiny), np.int64(((even >> 32) & low) * share + tiny)
-        green, alpha = np.int64((odd & low) * share + tiny), np.int64(((odd >> 32) & low) * share + tiny)
-        colour[i] = blue | (green << 8) | (red << 16) | (alpha << 24)
+    axis = np.uint64(2 * _REACH - 1)
+    for i in range(np.uint64(len(keys))):
+        key, k = keys[i], np.uint64(8) * i
+        v, c = np.uint64(4) * i, np.uint64(16) * i + np.uint64(12)
+        share = 1.0 / totals[k + np.uint64(3)]
+        x = (totals[k] * share + (np.int64(key & axis) * whole - origin)) * sx
+        y = (totals[k + np.uint64(1)] * share + (np.int64((key >> np.uint64(21)) & axis) * whole - origin)) * sy
+        z = (totals[k + np.uint64(2)] * share + (np.int64(key >> np.uint64(42)) * whole - origin)) * sz
+        blue = np.uint8(np.int32(totals[k + np.uint64(4)] * share + tiny))
+        green = np.uint8(np.int32(totals[k + np.uint64(5)] * share + tiny))
+        red = np.uint8(np.int32(totals[k + np.uint64(6)] * share + tiny))
+        alpha = np.uint8(np.int32(totals[k + np.uint64(7)] * share + tiny))
+        words[v] = x
+        words[v + np.uint64(1)] = y
+        words[v + np.uint64(2)] = z
+        channels[c] = blue
+        channels[c + np.uint64(1)] = green
+        channels[c + np.uint64(2)] = red
+        channels[c + np.uint64(3)] = alpha
     if not coloured:
-        colour[: len(totals)] = 0
+        colours[3::4] = 0
 
 
 def warm_up() -> None:
@@ -481,3 +518,5 @@ def warm_up() -> None:
     points = np.zeros((8, 16), XYZRGB)
     points["x"], points["y"] = np.meshgrid(np.arange(16), np.arange(8))
     voxel_grid(points, 0.5)
+    voxel_grid(np.zeros((1, 4096), XYZ), 8.0)  # more in a voxel than 32 bits hold
+    voxel_grid(np.zeros((1, 4096), XYZ), 8.0)

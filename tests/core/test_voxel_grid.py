@@ -42,7 +42,17 @@ def test_equals_the_reference(layout: str, leaf: float | tuple[float, float, flo
     assert_array_equal(np.stack([bits >> 16 & 255, bits >> 8 & 255, bits & 255], axis=-1), rgb)
 
 
-def test_many_voxels_make_the_table_grow() -> None:
+def test_a_crowded_voxel_does_not_overflow() -> None:
+    rng = np.random.default_rng(6)
+    xyz = np.concatenate([rng.uniform(90, 99, (9000, 3)), [[-1.0, -1, -1]]]).astype(np.float32)
+    rgb = rng.integers(200, 256, (9001, 3), dtype=np.uint8)
+    means, colour = reference(xyz, rgb, 100.0)
+    voxels = voxel_grid(from_xyz(xyz, rgb), 100.0)
+    assert_allclose(coordinates(voxels), means, atol=2e-6 + 100 * 2**-21)
+    assert_array_equal(colours(voxels)[0], colour)
+
+
+def test_many_voxels_are_told_apart() -> None:
     rng = np.random.default_rng(3)
     xyz = rng.uniform(-5, 5, (60_000, 3)).astype(np.float32)
     rgb = rng.integers(0, 256, (60_000, 3), dtype=np.uint8)
