@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 
 from zsight_core import refine, verify
-from zsight_core.claims import ROOM_SHARED, Claim, claimed
+from zsight_core.claims import ROOM_SHARED, Claim, claimed, contradict
 from zsight_core.clues import Clues, Hypothesis, clues_of
 from zsight_core.contest import NOBODY, lead
 from zsight_core.contour import MOST
@@ -219,9 +219,9 @@ class Candidates:
         for beside in (0, 1, width, width + 1):  # a claim holds every second pixel of every second row
             explained[np.minimum(first + beside, len(explained) - 1)] = True
 
-    def claim(self, model: ObjectModel, candidate: Candidate) -> Claim:
-        """What a candidate of a type explains."""
-        view, solid = self.scene.view, solid_of(model.shape, coarse=True)
+    def claim(self, shape: Shape, candidate: Candidate) -> Claim:
+        """What a candidate of a shape explains."""
+        view, solid = self.scene.view, solid_of(shape, coarse=True)
         T = self.clues.frames[candidate.hypothesis.support] @ candidate.hypothesis.T_support_model
         pixels = claimed(view.depth, view.pinhole, solid.vertices, solid.faces, T, self.scene.noise)
         return Claim(solid, T, pixels, candidate.probability * net(candidate))
@@ -272,9 +272,13 @@ class Candidates:
         solid, hull, here = solid_of(shape), solid_of(shape, coarse=True), found.hypothesis
         guesses = [*turned(shape, self.clues, here), *self._slid(shape, found)]
 
+        own = self.claim(shape, found)
+
         def is_here(other: Candidate) -> bool:
             T, same = other.hypothesis.T_support_model, other.hypothesis.support == here.support
-            return same and shared(hull, here.T_support_model, hull, T) > ROOM_SHARED
+            return same and (
+                shared(hull, here.T_support_model, hull, T) > ROOM_SHARED or contradict(self.claim(shape, other), own)
+            )
 
         rough = self._fitted(solid, guesses, pixels=300, steps=ROUGH_STEPS, look=800)
         rough = [candidate for candidate in rough if candidate.logit > LIKELY and is_here(candidate)]

@@ -237,7 +237,7 @@ class _Pool:
     def add(self, model: ObjectModel, candidate: Candidate, beside: Claim | None = None) -> Claim | None:
         """Take in a candidate that is not hopeless, and its claim; with one beside it, only if both cannot be there."""
         if candidate.probability > DOUBTFUL and all(candidate is not known for _, known, _ in self.members):
-            claim = self.candidates.claim(model, candidate)
+            claim = self.candidates.claim(model.shape, candidate)
             if beside is None or contradict(claim, beside):
                 self.members.append((model, candidate, claim))
                 return claim

@@ -51,6 +51,7 @@ def logit_of(evidence: Evidence) -> float:
         - 1750.0 * min(e.shift, 0.008)  # metres before or behind as a whole
         - 3.7 * e.worst_side  # one side is not there; a neighbour may touch it
         - 4.1 * (1 - e.outlined)  # outline not seen
+        + 0.9 * log(min(e.match, 1000) / 1000)  # few pixels
     )
 
 

@@ -34,6 +34,7 @@ def test_a_good_fit_is_probable() -> None:
         {"edge_hidden": 200.0},
         {"worst_side": 0.9},
         {"shift": 0.004},
+        {"pixels": 400, "match": 390, "unknown": 10},
     ],
 )
 def test_what_speaks_against_it_makes_it_less_probable(worse: dict[str, float]) -> None:
