@@ -5,7 +5,9 @@ zero. The weights were fitted to 3468 candidates (3050 right) that no better one
 in 576 simulated train scenes of 1 to 17 objects, under both noise models, structured light and time of flight. Those
 in scenes with an object 15 percent larger or smaller than a type counted three times. The fit alone would not weigh
 an outline that is smaller all around, for which its scenes are too few, and weigh what is seen through half as much
-again; these two weights were bounded by hand.
+again; these two weights were bounded by hand. That of few pixels, which fit something by chance, was fitted beside the
+score of the others to 6642 candidates (6430 right) in 1040 other train scenes, 90 of them with stacks counted twice;
+many pixels say nothing, for a lookalike has them as well.
 """
 
 from __future__ import annotations
