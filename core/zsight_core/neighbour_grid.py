@@ -64,7 +64,7 @@ def grid_of(cloud: Words, edge: float, mask: NDArray[np.bool_] | None = None) ->
     room = np.empty(3 * cloud.count, np.float32)
     cell = room[: cloud.count].view(np.int32)
     members = cloud.count if mask is None else int(np.count_nonzero(mask))
-    found, table = _room_for_cells(members // 4, room[cloud.count + cloud.count % 2 :])
+    found, table = _room_for_cells(members // 2, room[cloud.count + cloud.count % 2 :])
     used, found, table = _cells_of(cloud.words, cloud.layout, 1.0 / edge, chosen, cell, found, table)
     if used < 0:
         raise GeometryError(f"cells of {edge} m are too small for coordinates so far from the origin; use larger ones")
