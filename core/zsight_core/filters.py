@@ -11,7 +11,7 @@ from numba import njit
 from zsight_core.errors import GeometryError, PointsError
 from zsight_core.points import XYZ
 from zsight_core.take import append_marked, room_for, take, trimmed, units_of
-from zsight_core.tile import TILE, load_tile, new_tile
+from zsight_core.tile import TILE, lies_packed, load_tile, new_tile
 from zsight_core.words import words_of
 
 if TYPE_CHECKING:
@@ -171,7 +171,7 @@ def _mark_box(
     A full tile of packed points is read where it is, which takes no longer than reading it does; others go by `tile`.
     """
     lx, ly, lz, hx, hy, hz = limits[0], limits[1], limits[2], limits[3], limits[4], limits[5]
-    if layout[0] == 4 and layout[1] == 0 and layout[2] == 1 and layout[3] == 2 and 4 * (start + TILE) <= len(words):
+    if lies_packed(words, layout, start):
         rows = words[4 * start : 4 * (start + TILE)]
         for i in range(TILE):
             x, y, z = rows[4 * i], rows[4 * i + 1], rows[4 * i + 2]

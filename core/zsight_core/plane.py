@@ -16,7 +16,7 @@ from numba import njit
 from zsight_core.errors import GeometryError
 from zsight_core.moments import covariance, moments_near_plane, principal_axes
 from zsight_core.take import append_marked, array_for, room_for, take, trimmed, units_of
-from zsight_core.tile import TILE, load_tile, new_tile
+from zsight_core.tile import TILE, lies_packed, load_tile, new_tile
 from zsight_core.words import words_of
 
 if TYPE_CHECKING:
@@ -451,7 +451,7 @@ def _mark_near(
     A full tile of packed points is read where it is, which takes no longer than reading it does; others go by `tile`.
     """
     nx, ny, nz, d = np.float32(plane[0]), np.float32(plane[1]), np.float32(plane[2]), np.float32(plane[3])
-    if layout[0] == 4 and layout[1] == 0 and layout[2] == 1 and layout[3] == 2 and 4 * (start + TILE) <= len(words):
+    if lies_packed(words, layout, start):
         rows = words[4 * start : 4 * (start + TILE)]
         for i in range(TILE):
             near[i] = abs(nx * rows[4 * i] + ny * rows[4 * i + 1] + nz * rows[4 * i + 2] - d) <= limit

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
     from zsight_core.words import Layout
 
-__all__ = ["TILE", "load_tile", "new_tile", "warm_up"]
+__all__ = ["TILE", "lies_packed", "load_tile", "new_tile", "warm_up"]
 
 TILE = 256
 """Points in a tile: 4 KB, a small part of the nearest cache."""
@@ -22,6 +22,13 @@ TILE = 256
 def new_tile() -> NDArray[np.float32]:
     """Room for a tile: float32 (4, TILE), rows x, y, z and the fourth word of the layout (a colour)."""
     return np.empty((4, TILE), np.float32)
+
+
+@njit(cache=True, nogil=True)
+def lies_packed(words: NDArray[np.float32], layout: Layout, start: int) -> bool:
+    """True where a full tile of points from `start` on lies there in rows of four words, x, y, z the first of them."""
+    packed = layout[0] == 4 and layout[1] == 0 and layout[2] == 1 and layout[3] == 2
+    return packed and 4 * (start + TILE) <= len(words)
 
 
 @njit(cache=True, nogil=True)
@@ -36,8 +43,7 @@ def load_tile(words: NDArray[np.float32], layout: Layout, colour: int, start: in
     step, at_x, at_y, at_z = layout
     at_w = max(colour, 0)
     count = len(words) // step
-    packable = step == 4 and at_x == 0 and at_y == 1 and at_z == 2
-    if packable and start + TILE <= count and (colour == 3 or colour < 0):
+    if lies_packed(words, layout, start) and (colour == 3 or colour < 0):
         packed = words[4 * start : 4 * start + 4 * TILE]
         for i in range(TILE):
             tile[0, i] = packed[4 * i]

@@ -16,6 +16,7 @@ from pydantic import ValidationError
 
 from zsight_protocol.errors import DecodeError, EncodeError, shortened
 from zsight_protocol.known_head import KnownHead
+from zsight_protocol.recent import Recent
 
 if TYPE_CHECKING:
     from zsight_protocol.message import Message
@@ -28,12 +29,10 @@ _HEAD_LIMIT = 64 * 1024  # bytes that the entries before a blob may take
 _USUAL_HEAD = 1024  # bytes that they do take
 _PACKED = 4096  # bytes that a packer begins with; its own choice, 256 KiB, takes longer to get than a message to pack
 
-_KNOWN = 64  # heads that are remembered
-
 M = TypeVar("M", bound="Message")
 
-_written: dict[tuple[type[Message], int], KnownHead] = {}  # the latest by kind and bytes of the blob
-_read: dict[tuple[type[Message], int], KnownHead] = {}  # the latest by kind and bytes of the payload
+_written: Recent[tuple[type[Message], int], KnownHead] = Recent()  # by kind and bytes of the blob
+_read: Recent[tuple[type[Message], int], KnownHead] = Recent()  # by kind and bytes of the payload
 
 
 def encode(message: Message) -> bytes:
@@ -61,17 +60,9 @@ def encode_parts(message: Message) -> tuple[bytes, Buffer]:
     head = known.spelled(message) if known is not None else None
     if head is None:
         head = _head(message, blob)
-        _remember(_written, (type(message), len(blob)), KnownHead.of(head, message))
+        if (new := KnownHead.of(head, message)) is not None:
+            _written.keep((type(message), len(blob)), new)
     return head, blob
-
-
-def _remember(
-    heads: dict[tuple[type[Message], int], KnownHead], key: tuple[type[Message], int], head: KnownHead | None
-) -> None:
-    if len(heads) >= _KNOWN:
-        heads.clear()
-    if head is not None:
-        heads[key] = head
 
 
 def _head(message: Message, blob: Buffer) -> bytes:
@@ -118,7 +109,8 @@ def decode(kind: type[M], payload: Buffer) -> M:
         raise DecodeError.from_validation(kind.__name__, error) from None
     if "data" in entries:
         head = bytes(view[: len(view) - len(entries["data"])])
-        _remember(_read, (kind, len(view)), KnownHead.of(head, message))
+        if (new := KnownHead.of(head, message)) is not None:
+            _read.keep((kind, len(view)), new)
     return message
 
 

@@ -13,6 +13,7 @@ from zsight_core import transform
 from zsight_protocol.geometry import Point, Pose, Quaternion, Transform, TransformStamped, Vector3
 from zsight_protocol.message import Header, Time
 from zsight_protocol.point_cloud import Datatype, PointCloud2, PointField
+from zsight_protocol.recent import Recent
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -34,10 +35,7 @@ _FORMATS = {
     Datatype.FLOAT64: "<f8",
 }
 _AT_ONCE = 8192  # points that are looked at in one go
-_MOST_LAYOUTS = 64
-_layouts: dict[
-    tuple[np.dtype[Any], tuple[int, int]], PointCloud2
-] = {}  # legal clouds of which the points are forgotten
+_layouts: Recent[tuple[np.dtype[Any], tuple[int, int]], PointCloud2] = Recent()  # legal clouds without their points
 _DATATYPES = {np.dtype(form): datatype for datatype, form in _FORMATS.items()}
 
 
@@ -96,10 +94,7 @@ def _remembered(points: Points) -> PointCloud2:
         is_dense=False,
         data=_bytes_of(points),
     ).model_copy(update={"data": b""})
-    if len(_layouts) >= _MOST_LAYOUTS:
-        _layouts.clear()
-    _layouts[points.dtype, points.shape] = cloud
-    return cloud
+    return _layouts.keep((points.dtype, points.shape), cloud)
 
 
 def _bytes_of(points: Points) -> memoryview:

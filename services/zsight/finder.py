@@ -224,9 +224,8 @@ class FindObject:
         T_frame_camera = self._buffer.lookup(frame, cloud.header.frame_id, cloud.header.stamp.ns)
         scene = self._scenes.of(cloud, T_world_camera=self._gravity(cloud), limits=self._settings.limits())
         header = Header(stamp=cloud.header.stamp, frame_id=frame)
-        from zsight.catalogue import (
-            teaching,  # draws pictures, which nothing else here needs: half of what the finder imports
-        )
+        # It draws pictures, which nothing else here needs: half of what the finder imports.
+        from zsight.catalogue import teaching
 
         kind, taught = teaching.teach(name, asked, points_of(cloud), scene, header, T_frame_camera)
         return CatalogAnswer(ok=True, types=(kind,), taught=taught)

@@ -15,6 +15,7 @@ from zsight_protocol.errors import DecodeError
 from zsight_protocol.known_head import KnownHead
 from zsight_protocol.message import Header, Time
 from zsight_protocol.point_cloud import Datatype, PointCloud2, PointField
+from zsight_protocol.recent import MOST
 
 if TYPE_CHECKING:
     from zsight_protocol.message import Message
@@ -94,7 +95,7 @@ def test_what_is_remembered_is_bounded_and_holds_no_points() -> None:
     for points in range(2, 200):
         decode(PointCloud2, encode(_cloud_of(points)))
     for heads in (codec._written, codec._read):
-        assert 0 < len(heads) <= codec._KNOWN
+        assert 0 < len(heads) <= MOST
         assert all(len(head._message.data) == 0 for head in heads.values())  # type: ignore[attr-defined]
     assert len(cloud.data) == 4
 

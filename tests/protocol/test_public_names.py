@@ -89,6 +89,7 @@ PUBLIC = {
     ],
     "parameter": ["Parameter", "ParameterAnswer", "ParameterRequest"],
     "point_cloud": ["Buffer", "Datatype", "MAXIMUM_BYTES", "MAXIMUM_POINTS", "PointCloud2", "PointField"],
+    "recent": ["MOST", "Recent"],
     "recording": [
         "Clock",
         "DepthCodedCloud",
