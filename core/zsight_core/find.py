@@ -182,7 +182,7 @@ def find(
     doubtful = False
     seen = 1.0
     for number, model in enumerate(models):
-        checkpoint("search", number / len(models))
+        checkpoint("contest", number / len(models))
         if isinstance(model.shape, Surface):
             found += search.surfaces(model)
             continue
@@ -411,11 +411,12 @@ class _Search:
         """Candidates of all types asked for; the largest first, for small things may be seen on sides of large ones."""
         solids = [model for model in self.models if not isinstance(model.shape, Surface)]
         solids.sort(key=_size)
-        found, start = {}, perf_counter()
-        for model, known in zip(solids, self.candidates.in_turn(solids), strict=True):
-            found[id(model)] = known
-            self.report["timings_ms"][model.name] = (perf_counter() - start) * 1e3
+        found, turns = {}, self.candidates.in_turn(solids)
+        for number, model in enumerate(solids):
+            self.checkpoint("search", number / len(solids))
             start = perf_counter()
+            found[id(model)] = next(turns)
+            self.report["timings_ms"][model.name] = (perf_counter() - start) * 1e3
         return found
 
     def _pool(self, model: ObjectModel, rivals: Sequence[ObjectModel]) -> _Pool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -123,6 +124,17 @@ def test_checkpoint_cancels() -> None:
     with pytest.raises(Cancelled):
         finder.find(points, [book.TOY_BLOCK], scene=scene, checkpoint=stop_at_refinement)
     assert stages[-1] == "refine"
+
+
+def test_each_of_many_types_is_begun_when_the_one_before_it_is_done() -> None:
+    points = book.cloud((book.TOY_BLOCK, book.T_WORLD_BLOCK))
+    told: list[tuple[str, float]] = []
+    models = [book.TOY_BLOCK, book.COKE_CAN, book.TABLE, ObjectModel("ball", Sphere(0.07))]
+    finder.find(points, models, checkpoint=lambda stage, fraction: told.append((stage, fraction)))
+    begun = [number for number, (stage, _) in enumerate(told) if stage == "search"]
+    assert [told[number][1] for number in begun] == pytest.approx([0, 1 / 3, 2 / 3])
+    for first, last in itertools.pairwise([*begun, len(told)]):
+        assert "propose" in {stage for stage, _ in told[first:last]}
 
 
 def test_rival_that_explains_more_takes_the_place() -> None:
