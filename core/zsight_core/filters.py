@@ -51,7 +51,8 @@ def pass_through(points: Points, field: str, low: float, high: float, out: Point
         lows["xyz".index(field)], highs["xyz".index(field)] = low, high
         return box(points, lows, highs, out)
     values = points[field]
-    inside = (values >= values.dtype.type(low)) & (values <= values.dtype.type(high))
+    kind = values.dtype.type if values.dtype.kind == "f" else float
+    inside = (values >= kind(low)) & (values <= kind(high))
     return take(points, inside & finite_mask(points), out)
 
 

@@ -25,6 +25,9 @@ __all__ = ["remove_radius_outliers", "remove_statistical_outliers", "warm_up"]
 _SAMPLE = 32
 """Points whose neighbours tell how wide cells must be."""
 
+_FARTHEST = 1e18
+"""Metres; the square of a greater distance is more than float32 holds."""
+
 
 def remove_radius_outliers(points: Points, radius: float, least: int, out: Points | None = None) -> Points:
     """The points that have at least so many others within a radius: (1, M), all fields kept; what PCL's filter keeps.
@@ -63,7 +66,8 @@ def remove_statistical_outliers(
         out: room for the result, contiguous, at least M points; the result is then a view of it.
 
     Raises:
-        GeometryError: `neighbours` not above zero; fewer points than that; `deviations` is NaN.
+        GeometryError: `neighbours` not above zero; fewer points than that; `deviations` is NaN; a coordinate above
+            1e18 m, whose square float32 does not hold.
     """
     cloud, count = words_of(points), count_finite(points)
     if not 0 < neighbours < max(count, 1) or math.isnan(deviations):
@@ -114,6 +118,8 @@ def _first_edge(cloud: Words, finite: int, count: int, room: NDArray[np.float32]
     """
     sample = np.linspace(0, finite - 1, _SAMPLE).astype(np.int64)
     farthest = _choose(cloud.words, cloud.layout, sample)
+    if farthest > _FARTHEST:
+        raise GeometryError(f"a point is {farthest:.3g} m away; expected at most {_FARTHEST:g} m: remove it with a box")
     reach = _reaches(cloud.words, cloud.layout, sample, count, room)
     return max(float(np.median(reach)), farthest * 1e-5, 1e-6)
 

@@ -40,6 +40,9 @@ SMOOTH = np.radians(20.0)
 SMALLEST_PATCH = 6
 """Cells; smaller patches go to a neighbour."""
 
+MOST_PATCHES = 500
+"""Larger ones are kept of a scene with more: a crowded table has some 120, and what follows looks at all pairs."""
+
 
 @dataclass(frozen=True, eq=False)
 class Patches:
@@ -70,9 +73,19 @@ def grow_patches(view: View, kind: NDArray[np.uint8], noise: float) -> Patches:
     depth, cells = _cells(view.depth, kind, step)
     pinhole = (view.fx / step, view.fy / step, view.cx / step, view.cy / step)
     normal = _normals(depth, cells, *pinhole, noise)
-    label, count = _grow(depth, cells, normal, *pinhole, noise, SAME_PATCH)
+    label, count = _largest(*_grow(depth, cells, normal, *pinhole, noise, SAME_PATCH))
     centroid, mean_normal = _summarise(depth, label, normal, len(count), *pinhole)
     return Patches(step, label, normal, count, centroid, mean_normal)
+
+
+def _largest(label: NDArray[np.int32], count: NDArray[np.int64]) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
+    """Patches (R, C) and their cells (K,) without the smallest ones beyond MOST_PATCHES, numbered anew."""
+    if len(count) <= MOST_PATCHES:
+        return label, count
+    kept = np.sort(np.argsort(-count, kind="stable")[:MOST_PATCHES])
+    number = np.full(len(count) + 1, -1, np.int32)  # the last one is that of cells without a patch
+    number[kept] = np.arange(MOST_PATCHES)
+    return number[label], count[kept]
 
 
 def join_patches(view: View, patches: Patches, noise: float) -> NDArray[np.int32]:

@@ -24,6 +24,9 @@ FARTHEST = 60.0
 VIRTUAL_PIXELS = 300_000
 """An unorganised cloud is drawn into an image of at most this many pixels."""
 
+STRAY = 0.005
+"""Share of the points on each side that say nothing of how far a cloud reaches: sensors see some where nothing is."""
+
 _OPTICAL_AXES = (
     np.diag([1.0, 1.0, 1.0]),  # optical: x right, y down, z forward
     np.diag([1.0, -1.0, -1.0]),  # graphics: x right, y up, z backward
@@ -153,14 +156,15 @@ def _as_virtual(cloud: NDArray[np.float32]) -> View:
     T = np.eye(4)
     for R in _OPTICAL_AXES[:2]:
         ahead = sample @ R.T
-        if (ahead[:, 2] > 0.1).all() and (np.abs(ahead[:, :2]) < 2 * ahead[:, 2:]).all():
+        if ((ahead[:, 2] > 0.1) & (np.abs(ahead[:, :2]) < 2 * ahead[:, 2:]).all(axis=1)).mean() > 1 - STRAY:
             T[:3, :3] = R.T
             break
     else:
         T = _from_above(sample)
     ahead = (sample - T[:3, 3]) @ T[:3, :3]
-    low = (ahead[:, :2] / ahead[:, 2:]).min(axis=0)
-    span = np.maximum((ahead[:, :2] / ahead[:, 2:]).max(axis=0) - low, 1e-3)
+    ahead = ahead[ahead[:, 2] > 0]
+    low, high = _reach(ahead[:, :2] / ahead[:, 2:])
+    span = np.maximum(high - low, 1e-3)
     low, span = low - 0.02 * span, 1.04 * span
     pixels = min(float(finite.sum()) * 0.8, VIRTUAL_PIXELS)
     focal = float(np.sqrt(pixels / (span[0] * span[1])))
@@ -170,9 +174,16 @@ def _as_virtual(cloud: NDArray[np.float32]) -> View:
     return View(depth, focal, focal, float(-low[0] * focal), float(-low[1] * focal), T, pixel)
 
 
+def _reach(rays: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Least and greatest x and y (2,) of rays (N, 2); a few that are far from all others do not count."""
+    low, high = np.quantile(rays, STRAY, axis=0), np.quantile(rays, 1 - STRAY, axis=0)
+    beyond = (high - low) / 4
+    return np.maximum(rays.min(axis=0), low - beyond), np.minimum(rays.max(axis=0), high + beyond)
+
+
 def _from_above(sample: NDArray[np.float64]) -> NDArray[np.float64]:
     """T_cloud_optical of a camera that looks down on the cloud from far enough to see nearly straight rays."""
-    low, high = np.quantile(sample, 0.005, axis=0), np.quantile(sample, 0.995, axis=0)
+    low, high = np.quantile(sample, STRAY, axis=0), np.quantile(sample, 1 - STRAY, axis=0)
     T = np.eye(4)
     T[:3, :3] = np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]])
     T[:3, 3] = [*((low + high)[:2] / 2), high[2] + 2 * max(high[0] - low[0], high[1] - low[1], 0.5)]

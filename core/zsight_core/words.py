@@ -125,6 +125,8 @@ def _layout(dtype: np.dtype[Any]) -> tuple[Layout, int]:
     wordy = dtype.itemsize % 4 == 0 and all(fields[axis][0] == _WORD and fields[axis][1] % 4 == 0 for axis in "xyz")
     if colour is not None:
         kind, offset = fields[colour][:2]
+        if kind.shape:
+            raise PointsError(f"field {colour} holds {kind.shape} numbers a point; expected four bytes: 0x00RRGGBB")
         wordy = wordy and kind.itemsize == 4 and kind.isnative and offset % 4 == 0
     if not wordy:
         return (0, 0, 0, 0), -1

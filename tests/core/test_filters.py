@@ -57,6 +57,14 @@ def test_pass_through_of_another_field() -> None:
     assert kept.size == finite_mask(cloud).reshape(-1)[100:201].sum()
 
 
+@pytest.mark.parametrize(("low", "high", "kept"), [(0.5, 2.7, [1, 2]), (-1, 2, [0, 1, 2]), (1, 300, [1, 2, 3])])
+def test_limits_of_a_field_of_whole_numbers_may_be_any(low: float, high: float, kept: list[int]) -> None:
+    cloud = np.zeros((1, 4), [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("ring", "u1")])
+    cloud["ring"] = range(4)
+    assert pass_through(cloud, "ring", low, high)["ring"].ravel().tolist() == kept
+    assert pass_through(cloud, "ring", -np.inf, high)["ring"].max() == kept[-1]
+
+
 def test_matching_colour_equals_the_reference() -> None:
     cloud = random_cloud()
     near = (np.abs(colours(cloud).astype(int) - [100, 150, 200]) <= 60).all(axis=-1) & finite_mask(cloud)

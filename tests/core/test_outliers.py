@@ -75,6 +75,14 @@ def test_a_lone_far_point_goes() -> None:
     assert remove_radius_outliers(from_xyz(xyz), 0.5, 1).size == 500
 
 
+def test_a_point_too_far_for_float32_is_told() -> None:
+    xyz = np.random.default_rng(0).uniform(0, 1, (200, 3))
+    with pytest.raises(GeometryError, match="1e\\+20 m away"):
+        remove_statistical_outliers(from_xyz(np.concatenate([xyz, [[1e20, 0, 0]]])), 2, 1.0)
+    far = from_xyz(np.concatenate([xyz, [[9e17, 0, 0]]]))
+    assert remove_statistical_outliers(far, 2, 1.0).size == 200
+
+
 def test_room_that_is_given_is_used() -> None:
     cloud = random_cloud()
     room = np.empty((1, cloud.size), cloud.dtype)

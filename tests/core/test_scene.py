@@ -13,7 +13,9 @@ from zsight_core.errors import Cancelled, PointsError
 from zsight_core.model import Box, Cylinder, ObjectModel
 from zsight_core.points import from_xyz, xyz
 from zsight_core.scene import understand
+from zsight_core.segments import MOST_PATCHES
 from zsight_core.simulation.kinect import Kinect
+from zsight_core.view import see
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -141,6 +143,28 @@ def test_read_only_memory_is_as_good() -> None:
     expected = seen(points).labels
     points.flags.writeable = False
     assert (seen(points).labels == expected).all()
+
+
+@pytest.mark.parametrize("stray", [(50.0, 0.0, 0.7), (3.0, 0.0, 0.7), (0.0, 0.0, -2.0)])
+def test_a_stray_point_does_not_shrink_the_image_of_an_unorganised_cloud(stray: tuple[float, float, float]) -> None:
+    points = book.cloud((CARTON, book.at(0.6, -0.3, Z + 0.1)))
+    rows = xyz(points).reshape(-1, 3)
+    rows = rows[np.isfinite(rows).all(axis=1)]
+    clean = see(from_xyz(rows))
+    spoilt = see(from_xyz(np.concatenate([rows, [stray]])))
+    assert (spoilt.depth > 0).sum() > 0.6 * (clean.depth > 0).sum()
+
+
+def test_no_more_patches_than_can_be_compared() -> None:
+    """A table of which a part is strewn with flakes, every second field of a chequerboard."""
+    table = book.cloud()
+    rows, columns = np.indices(table.shape) // 8
+    nearer = np.random.default_rng(0).uniform(0.93, 0.98, (80, 80))[rows, columns].astype(np.float32)
+    for axis in "xyz":
+        table[axis] *= np.where((rows + columns) % 2 * (columns > 25), nearer, np.float32(1))
+    patches = seen(table).patches
+    assert len(patches.count) == MOST_PATCHES
+    assert (np.bincount(patches.label[patches.label >= 0]) == patches.count).all()
 
 
 def test_checkpoint_stops_between_stages() -> None:

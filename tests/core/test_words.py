@@ -75,3 +75,5 @@ def test_arrays_that_are_no_clouds_are_refused() -> None:
         words_of(np.zeros((5, 2)))
     with pytest.raises(PointsError, match="four bytes"):
         words_of(np.zeros((2, 2), [("x", "<f8"), ("y", "<f8"), ("z", "<f8"), ("rgb", "<f8")]))
+    with pytest.raises(PointsError, match="rgb holds"):
+        words_of(np.zeros((2, 2), [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("rgb", "<f4", 2)]))
