@@ -13,6 +13,7 @@ import numpy as np
 from pydantic import Field
 
 from zsight.convert import cloud_from_points, points_of, pose_of, vector
+from zsight.errors import ConnectionLost
 from zsight.patch_plane import plane_of_patch
 from zsight.settings import Live
 from zsight.settings import Settings as ServiceSettings
@@ -22,10 +23,9 @@ from zsight_protocol.geometry import Plane
 from zsight_protocol.point_cloud import PointCloud2
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from zsight.bus import Bus, Writer
     from zsight.patch_plane import PatchPlane
+    from zsight_core.points import Points
 
 __all__ = ["Settings", "run"]
 
@@ -73,19 +73,22 @@ def run(bus: Bus, settings: Settings) -> None:
             log.warning("patch is in frame %s, the cloud in %s", patch.header.frame_id, cloud.header.frame_id)
             continue
         try:
+            points = points_of(cloud)
             found = plane_of_patch(
-                points_of(cloud), points_of(patch), tolerance=now.tolerance, connected_only=now.connected, gap=now.gap
+                points, points_of(patch), tolerance=now.tolerance, connected_only=now.connected, gap=now.gap
             )
+            planes.send(plane_message(found, cloud, now.tolerance))
+            _send_points(inside, cloud, take.take(points, found.members))
+            if now.above:
+                low, high = now.above_low, now.above_high
+                standing = above_plane.points_above(points, found.fit.plane, low, high, found.members)
+                _send_points(above, cloud, standing)
         except CoreError as error:
-            log.warning("no plane of this patch: %s", error)
-            continue
-        planes.send(plane_message(found, cloud, now.tolerance))
-        _send_points(inside, cloud, found.members)
-        if now.above:
-            low, high = now.above_low, now.above_high
-            standing = above_plane.points_above(points_of(cloud), found.fit.plane, low, high, found.members)
-            if standing.size:
-                above.send(cloud_from_points(standing, cloud.header.stamp, cloud.header.frame_id))
+            log.warning("no plane of this patch, or not all of it: %s", error)
+        except ConnectionLost:
+            raise
+        except Exception:
+            log.exception("no plane of this patch, or not all of it")
 
 
 def plane_message(found: PatchPlane, cloud: PointCloud2, tolerance: float) -> Plane:
@@ -101,7 +104,7 @@ def plane_message(found: PatchPlane, cloud: PointCloud2, tolerance: float) -> Pl
     )
 
 
-def _send_points(writer: Writer[PointCloud2], cloud: PointCloud2, members: NDArray[np.bool_]) -> None:
-    chosen = take.take(points_of(cloud), members)
+def _send_points(writer: Writer[PointCloud2], cloud: PointCloud2, chosen: Points) -> None:
+    """Some points of a cloud, where there are any."""
     if chosen.size:
         writer.send(cloud_from_points(chosen, cloud.header.stamp, cloud.header.frame_id))

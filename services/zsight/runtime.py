@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 from zsight import shared_memory
 from zsight.bus import Bus
 from zsight.bus.zenoh_link import open_link, open_router
-from zsight.errors import ConnectionLost, ZsightError
+from zsight.errors import ConnectionLost, UsageError, ZsightError
 from zsight.keys.identity import Roster, read_identity
 from zsight.log_book import LogBook, start_logging
 from zsight.network import Network
@@ -122,7 +122,7 @@ def run_service(
         if isinstance(error, ConnectionLost) and stopping.is_set():
             return 0
         log.error("%s", error)
-        return getattr(error, "exit_code", 2)
+        return getattr(error, "exit_code", UsageError.exit_code)
     finally:
         stopping.set()
     shared_memory.remove_orphans()
@@ -152,7 +152,12 @@ def _served(
     with bus, LogBook(host_name(), process).on(bus), _beating(bus, service, process, settings):
         serve_parameters(bus, host_name(), process, service.name, parameters)
         threading.Thread(target=_stop_bus, args=(stopping, bus, roster), name="stop", daemon=True).start()
-        loop(bus, settings)
+        try:
+            loop(bus, settings)
+        except (UsageError, CoreError, ProtocolError) as error:
+            if not bus.is_ready:
+                raise
+            raise ZsightError(str(error)) from error  # its settings made sense: it is worth starting again
     return roster is not None and roster.changed and not stopping.is_set()
 
 

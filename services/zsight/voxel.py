@@ -52,6 +52,9 @@ def downsample(cloud: PointCloud2, leaf: float) -> PointCloud2 | None:
     except CoreError as error:
         log.warning("cloud of %s at %d ns left out: %s", cloud.header.frame_id, cloud.header.stamp.ns, error)
         return None
+    except Exception:
+        log.exception("cloud of %s at %d ns left out", cloud.header.frame_id, cloud.header.stamp.ns)
+        return None
     if averaged.size == 0:
         log.warning("cloud of %s at %d ns left out: no finite point", cloud.header.frame_id, cloud.header.stamp.ns)
         return None

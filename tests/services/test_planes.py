@@ -156,6 +156,38 @@ def test_a_patch_without_a_plane_is_told_and_the_loop_goes_on(
     assert cell.select(slice(40, 50), slice(10, 30)).inliers > 4000
 
 
+def test_heights_in_the_wrong_order_are_told_and_the_loop_goes_on(
+    start: Callable[..., Cell], caplog: pytest.LogCaptureFixture
+) -> None:
+    cell = start(above=True, above_low=0.6, above_high=0.5)
+    for _ in range(2):
+        assert cell.select(slice(40, 50), slice(10, 30)).inliers > 4000
+    assert soon(lambda: "heights are 0.6 to 0.5 m" in caplog.text)
+
+
+def test_a_patch_that_the_newest_cloud_does_not_hold_is_told_and_the_loop_goes_on(
+    start: Callable[..., Cell], caplog: pytest.LogCaptureFixture
+) -> None:
+    cell = start(connected=True, above=True)
+    gone = floor()[40:50, 10:30].copy()
+    gone["x"] += 10
+    assert cell.client.select(message(gone), timeout=DEADLINE).inliers == 0
+    assert soon(lambda: "the surface has 0 points" in caplog.text)
+    assert cell.select(slice(40, 50), slice(10, 30)).inliers > 1000
+
+
+def test_a_bug_is_logged_and_the_loop_goes_on(
+    start: Callable[..., Cell], caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cell = start()
+    with monkeypatch.context() as broken:
+        broken.setattr(planes, "plane_of_patch", lambda *_, **__: int("no number"))
+        with pytest.raises(DeadlinePassed):
+            cell.select(slice(40, 50), slice(10, 30), timeout=0.05)
+        assert soon(lambda: "invalid literal" in caplog.text)
+    assert cell.select(slice(40, 50), slice(10, 30)).inliers > 4000
+
+
 def test_a_patch_before_any_cloud_is_told(
     start: Callable[..., Cell], caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -65,3 +65,19 @@ def test_a_cloud_that_cannot_be_averaged_is_told_and_the_loop_goes_on(
     received = out.take(DEADLINE)
     assert received is not None
     assert received.message.header.stamp.ns == 2
+
+
+def test_a_bug_is_logged_and_the_loop_goes_on(
+    ends: tuple[Writer[PointCloud2], Reader[PointCloud2]],
+    caplog: pytest.LogCaptureFixture,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    into, out = ends
+    with monkeypatch.context() as broken:
+        broken.setattr(voxel.voxel_grid, "voxel_grid", lambda *_: [][0])
+        into.send(cloud_from_points(from_xyz(np.ones((1, 1, 3))), Time(nanosec=1), "eye"))
+        assert soon(lambda: "list index out of range" in caplog.text)
+    into.send(cloud_from_points(from_xyz(np.ones((1, 1, 3))), Time(nanosec=2), "eye"))
+    received = out.take(DEADLINE)
+    assert received is not None
+    assert received.message.header.stamp.ns == 2

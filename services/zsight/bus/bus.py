@@ -32,6 +32,7 @@ class Bus:
         self.cell = cell or Cell()
         self.stopping = threading.Event()
         self.on_ready: Callable[[], object] = lambda: None
+        self.is_ready = False
         self._ready_token: object = None
         # A writer that nobody refers to is withdrawn, and what it latched with it.
         self._open_readers: dict[Reader[Any], None] = {}
@@ -79,6 +80,7 @@ class Bus:
 
     def ready(self) -> None:
         """Called by a service when it reads all that it reads: from now on others may count on it."""
+        self.is_ready = True
         # Zenoh withdraws a liveliness token that nobody refers to.
         self._ready_token = self.on_ready()
 
