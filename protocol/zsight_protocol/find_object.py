@@ -62,9 +62,9 @@ class FindObjectGoal(Message):
 
     ``object_type`` is a catalogue name or the book's number as text (1000 toy block, 1001 upright Coke can, 1002
     table surface), or "any" for all types that can be found. ``frame_id`` is the frame of the answer, of ``region`` and
-    of ``known_height`` (metres along its z); empty: the world if the camera's pose is known, else the cloud's own
-    frame. ``maximum`` 0 asks for all instances. ``timeout`` is seconds from the goal's arrival, so that clocks of two
-    hosts need not agree.
+    of ``known_height`` (metres along its z, which must be up); empty: the world if the camera's pose is known, else the
+    cloud's own frame. ``maximum`` 0 asks for all instances. ``timeout`` is seconds from the goal's arrival, so that
+    clocks of two hosts need not agree.
     """
 
     goal_id: GoalId

@@ -75,7 +75,7 @@ class FindOptions(TypedDict, total=False):
 
     finder: which finder is asked; left out: the best match.
     frame: frame of the answer; empty: the world where it is known, else the camera's.
-    known_height: height of the support surface along that frame's z, metres, where it is known.
+    known_height: height of the support surface along that frame's z, which must be up, metres, where it is known.
     region: only what lies inside, in that frame.
     capture: the last cloud, or a new one.
     maximum: most objects, 0 for all; 1 if not given.

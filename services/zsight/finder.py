@@ -288,7 +288,8 @@ class FindObject:
     def failed(self, goal: FindObjectGoal, error: Exception) -> FindObjectResult:
         """Something in the cloud or the goal that no search is possible with."""
         words = str(error) if isinstance(error, ZsightError | CoreError) else f"{type(error).__name__}: {error}"
-        return self._no_answer(ResultCode.NOT_FOUND, words).model_copy(update={"report": self._about(goal)})
+        code = ResultCode.CODE_NOT_RECOGNISED if isinstance(error, UsageError) else ResultCode.NOT_FOUND
+        return self._no_answer(code, words).model_copy(update={"report": self._about(goal)})
 
     def _about(self, goal: FindObjectGoal) -> dict[str, JsonValue]:
         """What was asked, for whoever reads the report later."""
@@ -304,12 +305,14 @@ class FindObject:
         waited = time.monotonic() - started
         handle.notes["stamp_ns"] = cloud.header.stamp.ns
         frame, T_frame_camera = self._frame_for(handle, cloud)
+        gravity = self._gravity(cloud)
+        known_height = finding.height_in_world(goal.known_height, frame, T_frame_camera, gravity)
         name = self._catalogue.wanted(goal.object_type)
         progress = FindProgress(handle.checkpoint, len(self._catalogue.models()) if name == ANY_TYPE else 1)
         scene = self._scenes.of(
             cloud,
-            T_world_camera=self._gravity(cloud),
-            known_height=goal.known_height,
+            T_world_camera=gravity,
+            known_height=known_height,
             limits=self._settings.limits(),
             checkpoint=progress,
         )

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from zsight.convert import pose_of, vector
+from zsight.errors import UsageError
 from zsight.verifiers import verified
 from zsight_core.transform import inverse, transform_xyz
 from zsight_protocol.find_object import (
@@ -34,7 +35,43 @@ if TYPE_CHECKING:
     from zsight_protocol.geometry import Region
     from zsight_protocol.message import Time
 
-__all__ = ["Extrinsic", "find", "result_of", "with_extrinsic"]
+__all__ = ["Extrinsic", "find", "height_in_world", "result_of", "with_extrinsic"]
+
+_UPRIGHT = np.cos(np.radians(1))  # beyond this a height along the z of a frame is another one at each place
+
+
+def height_in_world(
+    known_height: float | None,
+    frame: str,
+    T_frame_camera: NDArray[np.float64],
+    T_world_camera: NDArray[np.float64] | None,
+) -> float | None:
+    """World z of a support surface whose height is known along the z of the frame of the answer, metres.
+
+    Args:
+        known_height: metres along the frame's z; None where it is not known, as then is the result.
+        frame: name of the frame of the answer.
+        T_frame_camera: (4, 4) where the camera is in it.
+        T_world_camera: (4, 4) where the camera is in a world with z up; None where no world is known.
+
+    Raises:
+        UsageError: no world is known, or the frame's z is not up in it.
+    """
+    if known_height is None:
+        return None
+    if T_world_camera is None:
+        raise UsageError(
+            f"a known height is one above a level: which way is up in {frame} is not known, for no transform leads "
+            "from the camera to a world; give the camera its pose, or ask without a known height"
+        )
+    T_world_frame = T_world_camera @ inverse(T_frame_camera)
+    if T_world_frame[2, 2] < _UPRIGHT:
+        degrees = np.degrees(np.arccos(np.clip(T_world_frame[2, 2], -1, 1)))
+        raise UsageError(
+            f"a known height is one along the z of {frame}, which is {degrees:.0f} degrees off the world's: "
+            "ask in a frame that stands upright, such as the world's"
+        )
+    return known_height + float(T_world_frame[2, 3])
 
 
 def find(

@@ -13,7 +13,7 @@ from tests.services.waiting import DEADLINE, soon
 from zsight import finder
 from zsight.catalogue.type_files import read_type
 from zsight.client import CellClient, answer_of
-from zsight.convert import cloud_from_points, matrix_of
+from zsight.convert import cloud_from_points, matrix_of, stamped
 from zsight.errors import DeadlinePassed, GoalCancelled, NobodyAnswers, RequestRefused, UsageError
 from zsight.hosts.clocks import Clock
 from zsight.sources import open_source
@@ -172,6 +172,31 @@ def test_a_known_height_is_used(start: Callable[..., Stage]) -> None:
     stage.show()
     (block,) = stage.client.find("toy_block", known_height=0.7747).objects
     assert block.pose.position.z == pytest.approx(0.7922, abs=0.001)
+
+
+def test_a_known_height_is_one_in_the_frame_of_the_answer(start: Callable[..., Stage]) -> None:
+    stage = start()
+    raised = stamped(from_rpy((0.3, 0.1, 0.5), (0, 0, 1.0)), "base_link", "base_raised", Time())
+    stage.camera.writer(stage.camera.cell.tf_static, TransformList).send(TransformList(transforms=(raised,)))
+    stage.show()
+    assert soon(lambda: _knows_frame(stage.client, "base_raised"))
+    (block,) = stage.client.find("toy_block", frame="base_raised", known_height=0.2747).objects
+    assert block.pose.position.z == pytest.approx(0.2922, abs=0.001)
+    assert stage.client.find("toy_block", frame="base_raised", known_height=0.7747).objects == ()
+
+
+def test_a_known_height_in_a_frame_that_is_not_upright_is_refused(start: Callable[..., Stage]) -> None:
+    stage = start()
+    stage.show()
+    with pytest.raises(RequestRefused, match="degrees off the world's: ask in a frame that stands upright"):
+        stage.client.find("toy_block", frame=FRAME, known_height=0.7747)
+
+
+def test_a_known_height_where_no_world_is_known_is_refused(start: Callable[..., Stage]) -> None:
+    stage = start()
+    stage.show(frame="elsewhere")
+    with pytest.raises(RequestRefused, match="which way is up in elsewhere is not known"):
+        stage.client.find("toy_block", known_height=0.7747)
 
 
 def test_goals_on_one_cloud_share_its_scene(start: Callable[..., Stage], monkeypatch: pytest.MonkeyPatch) -> None:
@@ -402,6 +427,13 @@ def test_types_are_told_while_the_finder_starts(join_memory: Join, monkeypatch: 
     warm.set()
     bus.stop()
     starting.join()
+
+
+def _knows_frame(client: CellClient, frame: str) -> bool:
+    try:
+        return client.find("table_surface", frame=frame).header.frame_id == frame
+    except RequestRefused:
+        return False
 
 
 def _knows_types(client: CellClient) -> bool:

@@ -35,7 +35,7 @@ def find(
     every: Annotated[bool, typer.Option("--all", help="All instances, not only the most probable one.")] = False,
     known_height: Annotated[
         float | None,
-        typer.Option("--known-height", metavar="H", help="Height of the support surface in the world, metres."),
+        typer.Option("--known-height", metavar="H", help="Height of the support surface in the frame, metres."),
     ] = None,
     region: Annotated[
         str | None,

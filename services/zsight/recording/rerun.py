@@ -111,7 +111,8 @@ def _find_again(answer: Answer, catalogue: Catalogue, limits: SceneLimits) -> Fi
     T_frame_camera = buffer.lookup(frame, camera, stamp)
     gravity = None if root == camera else buffer.lookup(root, camera, stamp)
     points = points_of(cloud)
-    scene = scene_core.understand(points, T_world_camera=gravity, known_height=goal.known_height, limits=limits)
+    known_height = finding.height_in_world(goal.known_height, frame, T_frame_camera, gravity)
+    scene = scene_core.understand(points, T_world_camera=gravity, known_height=known_height, limits=limits)
     found = finding.find(
         points,
         catalogue,
