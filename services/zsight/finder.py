@@ -192,18 +192,20 @@ class FindObject:
             if newest is None or newest[0] is last or not wanted:
                 continue
             last = newest[0]
-            wrong = self._scene_trouble(last)
+            trouble = self._scene_trouble(last)
+            wrong = "" if trouble is None else str(trouble) or type(trouble).__name__
             if wrong and wrong != said:  # a camera that goes on so must not fill the log
-                log.warning("no scene of the cloud at %d ns: %s", last.header.stamp.ns, wrong)
+                bug = None if isinstance(trouble, ZsightError | CoreError) else trouble
+                log.warning("no scene of the cloud at %d ns: %s", last.header.stamp.ns, wrong, exc_info=bug)
             said = wrong
 
-    def _scene_trouble(self, cloud: PointCloud2) -> str:
+    def _scene_trouble(self, cloud: PointCloud2) -> Exception | None:
         """Make and publish the scene of a cloud; why there is none, or nothing."""
         try:
             self._scenes.of(cloud, T_world_camera=self._gravity(cloud), limits=self._settings.limits())
-        except (ZsightError, CoreError) as error:
-            return str(error)
-        return ""
+        except Exception as error:  # noqa: BLE001  told by who asks, and no cloud ends the scenes of those after it
+            return error
+        return None
 
     def teach(self, name: str, asked: Teaching) -> CatalogAnswer:
         """Measure a thing in the newest cloud for a type of this name.

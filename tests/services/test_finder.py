@@ -294,6 +294,20 @@ def test_a_cloud_without_data_ends_no_scenes(start: Callable[..., Stage], caplog
     assert taken(scenes).header.stamp == stamp
 
 
+def test_a_bug_is_logged_and_ends_no_scenes(
+    start: Callable[..., Stage], monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    stage = start(scene_rate=100)
+    scenes = stage.client.bus.reader(stage.client.bus.cell.scene("kinect"), Scene)
+    with monkeypatch.context() as broken:
+        broken.setattr(scene_core, "understand", lambda *_, **__: int("no number"))
+        stage.show()
+        assert soon(lambda: "no scene of the cloud" in caplog.text)
+        assert caplog.records[-1].exc_info is not None
+    stamp = stage.show()
+    assert taken(scenes).header.stamp == stamp
+
+
 # The same again.
 
 
