@@ -401,11 +401,19 @@ class FindObject:
         )
 
     def _frame_mistake(self, cloud: PointCloud2, handle: GoalHandle[FindObjectGoal, FindObjectResult]) -> str:
-        """Whether the camera's pose contradicts the level surface that its cloud shows."""
+        """Whether the camera's pose contradicts the level surface that its cloud shows.
+
+        The answer is ready by then: its progress stands still, and a deadline that passes meanwhile ends only this.
+        """
         T_world_camera = self._gravity(cloud)
         if T_world_camera is None:
             return ""
-        free = scene_core.understand(points_of(cloud), checkpoint=handle.checkpoint)
+        try:
+            free = scene_core.understand(
+                points_of(cloud), checkpoint=lambda _stage, _fraction: handle.checkpoint(handle.stage, handle.fraction)
+            )
+        except Cancelled:
+            return ""
         return level.frame_mistake(free.supports[0].normal, T_world_camera) if free.supports else ""
 
     def _cloud_for(self, handle: GoalHandle[FindObjectGoal, FindObjectResult]) -> PointCloud2 | None:

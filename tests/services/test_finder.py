@@ -563,6 +563,37 @@ def test_what_was_found_before_the_deadline_is_told(
     assert [found.type for found in late.value.known.objects] == ["toy_block"]
 
 
+def test_an_answer_that_is_ready_is_not_lost_to_the_deadline(
+    start: Callable[..., Stage], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    handles: list[Any] = []
+    execute, whole = finder.FindObject.execute, scene_core.understand
+
+    def kept(work: finder.FindObject, handle: Any) -> Any:
+        handles.append(handle)
+        return execute(work, handle)
+
+    def overtaken(points: Points, *, T_world_camera: Any = None, **options: Any) -> scene_core.Scene:
+        if T_world_camera is None:  # a second look, at what may be wrong with the camera's pose
+            handles[-1].deadline = 0.0
+        return whole(points, T_world_camera=T_world_camera, **options)
+
+    monkeypatch.setattr(finder.FindObject, "execute", kept)
+    monkeypatch.setattr(scene_core, "understand", overtaken)
+    stage = start(oldest=30)
+    stage.show()
+    result = stage.client.find("mug")
+    assert (result.status, result.deadline_passed) == (Status.NOT_FOUND, False)
+
+
+def test_progress_does_not_go_back_where_nothing_is_found(start: Callable[..., Stage]) -> None:
+    stage = start()
+    stage.show()
+    fractions: list[float] = []
+    stage.client.find("mug", on_update=lambda update: fractions.append(update.fraction))
+    assert fractions == sorted(fractions)
+
+
 def test_a_goal_that_waits_for_its_cloud_can_be_cancelled(start: Callable[..., Stage]) -> None:
     stage = start(oldest=30)
     call = stage.client.start_find("toy_block", finder="finder")
