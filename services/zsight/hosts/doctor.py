@@ -49,7 +49,8 @@ _SLOW_MS, _SLOW_CLOUD_MS = 50.0, 500.0
 _LEAST_SHARED = 256 * 2**20  # bytes; a ring of clouds for each of a few writers
 _LEAST_DISK = 2**30
 _SOON = timedelta(days=30)
-_PATIENCE = 2.0  # seconds for a cloud or a transform
+_PATIENCE = 2.0  # seconds for a cloud
+_LISTEN, _PAUSE = 0.3, 0.1  # seconds that transforms are listened to, however many come; that end it where none comes
 
 
 @dataclass(frozen=True)
@@ -284,9 +285,10 @@ def _camera(bus: Bus, camera: str) -> Finding:
         received = clouds.take(_PATIENCE)
         if received is None:
             return Finding(name, FAILED, f"no cloud within {_PATIENCE:g} s", "see its log: zsight logs")
+        deadline = time.monotonic() + _LISTEN
         for reader, lasting in ((static, True), (moving, False)):
-            while (transforms := reader.take(0.1)) is not None:
-                buffer.put(transforms.message, static=lasting)
+            while (left := deadline - time.monotonic()) > 0 and (told := reader.take(min(left, _PAUSE))) is not None:
+                buffer.put(told.message, static=lasting)
     cloud = received.message
     frame = cloud.header.frame_id
     root = buffer.root_of(frame)
