@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import threading
+from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING
 
 import pytest
@@ -151,6 +152,31 @@ def test_bad_bytes_are_refused_with_the_reason(bench: Bench) -> None:
     replies = bench.client.ask(bench.client.cell.find_object("finder"), b"\xc1", DEADLINE)
     with pytest.raises(RequestRefused, match="not a FindObjectGoal"):
         replies.take(DEADLINE)
+
+
+class NotedLock:
+    """A lock that tells which threads asked for it."""
+
+    def __init__(self) -> None:
+        self.askers: set[int] = set()
+        self._lock = threading.Lock()
+
+    def __enter__(self) -> None:
+        self.askers.add(threading.get_ident())
+        self._lock.acquire()
+
+    def __exit__(self, *_: object) -> None:
+        self._lock.release()
+
+
+def test_all_who_wait_for_an_answer_get_it(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    call, lock = bench.executing(), NotedLock()
+    monkeypatch.setattr(call, "_lock", lock)
+    with ThreadPoolExecutor() as threads:
+        waiting = [threads.submit(call.wait) for _ in range(4)]
+        assert soon(lambda: len(lock.askers) == 4)
+        bench.work.gate.set()
+        assert {words(each.result()) for each in waiting} == {(GoalState.SUCCEEDED, "done")}
 
 
 # Cancelling.

@@ -57,6 +57,8 @@ class GoalCall(Generic[Result]):
 
     def _next(self) -> Update[Result]:
         with self._lock:
+            if self._final is not None:  # another thread took it while this one waited for the lock
+                return self._final
             payload = self._payload()
             if payload is None:
                 raise self._loss()
