@@ -9,13 +9,14 @@ import time
 from typing import TYPE_CHECKING, TypeVar, Unpack
 
 from zsight.async_services import AsyncCatalog, AsyncParameters, AsyncPlayer, AsyncRecorder
-from zsight.client import LOST_OR_BUSY, CellClient, answer_of, connect
+from zsight.client import LOST_OR_BUSY, CellClient, Cloud, answer_of, cloud_reader, connect
+from zsight.errors import ZsightError
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Callable, Iterator
 
     from zsight.action.client import GoalCall
-    from zsight.client import Cloud, FindOptions
+    from zsight.client import FindOptions
     from zsight.levelling import CameraLevel
     from zsight.merging import MergedAnswer
     from zsight_protocol.action import CancelResponse, Update
@@ -121,9 +122,10 @@ class AsyncCellClient:
 
     async def clouds(self, key: str = "kinect/points", *, timeout: float | None = None) -> AsyncIterator[Cloud]:
         """The newest cloud on a key, again and again."""
-        with contextlib.closing(self.client.clouds(key, timeout=timeout)) as clouds:  # type: ignore[type-var]  # a generator, which has close
-            async for cloud in _in_threads(clouds):
-                yield cloud
+        # Closing the reader ends a take that a cancelled task has left in its thread.
+        with contextlib.closing(cloud_reader(self.client.bus, key)) as reader:
+            while (received := await asyncio.to_thread(reader.take, timeout)) is not None:
+                yield Cloud.of(received.message)
 
 
 class AsyncGoalCall:
@@ -143,7 +145,8 @@ class AsyncGoalCall:
         try:
             return answer_of(await asyncio.to_thread(self.call.wait, on_update))
         except asyncio.CancelledError:
-            await asyncio.to_thread(self.call.cancel)
+            with contextlib.suppress(ZsightError):  # the finder has gone, and its goal with it
+                await asyncio.to_thread(self.call.cancel)
             raise
 
     async def cancel(self) -> CancelResponse:

@@ -45,9 +45,10 @@ from zsight_protocol.point_cloud import PointCloud2
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
+    from zsight.bus import Reader
     from zsight_protocol.action import CancelResponse
 
-__all__ = ["CellClient", "Cloud", "FindOptions", "answer_of", "connect"]
+__all__ = ["CellClient", "Cloud", "FindOptions", "answer_of", "cloud_reader", "connect"]
 
 ALL = "*"
 LOST_OR_BUSY = (NobodyAnswers, ServerLost, ServerBusy)
@@ -279,8 +280,7 @@ class CellClient:
 
     def clouds(self, key: str = "kinect/points", *, timeout: float | None = None) -> Iterator[Cloud]:
         """The newest cloud on a key of the cell, again and again; ends when none came for timeout seconds."""
-        full = f"{self.bus.cell.namespace}/{key}"
-        with contextlib.closing(self.bus.reader(full, PointCloud2)) as reader:
+        with contextlib.closing(cloud_reader(self.bus, key)) as reader:
             while (received := reader.take(timeout)) is not None:
                 yield Cloud.of(received.message)
 
@@ -339,6 +339,11 @@ class CellClient:
         if received is None:
             raise DeadlinePassed(f"no plane within {timeout:g} s: see the log of the planes service")
         return received.message
+
+
+def cloud_reader(bus: Bus, key: str) -> Reader[PointCloud2]:
+    """A reader of the clouds on a key of the cell."""
+    return bus.reader(f"{bus.cell.namespace}/{key}", PointCloud2)
 
 
 def answer_of(update: Update[FindObjectResult]) -> FindObjectResult:

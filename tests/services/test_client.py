@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from zsight.bus import Bus
+    from zsight.bus.link import RawRequest
 
     Join = Callable[[], Bus]
 
@@ -314,3 +315,34 @@ def test_a_cancelled_task_cancels_its_goal(finder: Finders) -> None:
     asyncio.run(use())
     (goal_id,) = finder.works["finder"].runs
     assert soon(lambda: finder.client.results(goal_id)[0].state is GoalState.CANCELLED)
+
+
+def test_a_task_that_waits_for_clouds_can_be_cancelled(join_memory: Join) -> None:
+    bus = join_memory()
+
+    async def use() -> None:
+        async def read() -> None:
+            async for _ in AsyncCellClient(CellClient(bus)).clouds():
+                pass
+
+        task = asyncio.create_task(read())
+        assert await asyncio.to_thread(soon, lambda: bool(bus.readers))
+        task.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await task
+
+    asyncio.run(use())  # which ends when all its threads have
+    assert bus.readers == []
+
+
+def test_a_find_that_takes_too_long_is_told_so_where_nobody_cancels_it(join_memory: Join) -> None:
+    server, client = join_memory(), CellClient(join_memory())
+    kept: list[RawRequest] = []
+    server.serve(server.cell.find_object("finder"), kept.append)
+
+    async def use() -> None:
+        goal = await AsyncCellClient(client).start_find("cube", finder="finder", timeout=0.1)
+        with pytest.raises(TimeoutError):
+            await asyncio.wait_for(goal.result(), 0.01)
+
+    asyncio.run(use())
