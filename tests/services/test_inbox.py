@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import pytest
 
 from zsight.bus.attachment import Attachment
 from zsight.bus.counters import ReadCounter
 from zsight.bus.inbox import Arrived, Inbox
+from zsight.bus.reader import Reader
 from zsight.bus.writer_track import WriterTrack
 from zsight_protocol.channels import Delivery
+from zsight_protocol.codec import encode
+from zsight_protocol.geometry import TransformList
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 PERIOD = 33_000_000
 WAY = 2_000_000
@@ -22,9 +30,12 @@ class Sample:
     key: str = "cell/kinect/points"
     attachment: bytes = b""
     size: int = 1
+    payload: bytes = b"x"
+    taken: Callable[[], object] = lambda: None
 
     def take(self) -> bytes | None:
-        return b"x"
+        self.taken()
+        return self.payload
 
 
 class Line:
@@ -81,6 +92,27 @@ def test_a_slow_writer_is_not_taken_for_a_stall() -> None:
     line.arrive(1, now - 1_900_000_000, now - 1_900_000_000 + WAY)
     line.arrive(2, now - 900_000_000, now - 900_000_000 + WAY)  # one a second; this one has waited 0.9 s for its reader
     assert line.next() == 2
+
+
+@pytest.mark.parametrize("other", ["cell/b", "cell/a"])
+def test_a_message_that_was_held_up_is_overtaken_on_its_own_key_alone(other: str) -> None:
+    """Held up by 0.2 s, it is handed out; while it is copied, a fresh message comes."""
+    counter, now, payload = ReadCounter("cell/*"), time.time_ns(), encode(TransformList(transforms=()))
+    reader = Reader(TransformList, Delivery.LATEST, counter, threading.Event(), lambda _: None)
+    for number in range(1, 4):
+        sent = now - 200_000_000 - (4 - number) * PERIOD
+        counter.arrived(Attachment(1, number, sent), sent + WAY)
+
+    def comes(key: str, writer: int, number: int, sent_ns: int, taken: Callable[[], object]) -> None:
+        reader.arrived(Sample(key, Attachment(writer, number, sent_ns).pack(), len(payload), payload, taken))
+
+    def fresh() -> None:
+        comes(other, 2, 1, time.time_ns(), lambda: None)
+
+    comes("cell/a", 1, 4, now - 200_000_000, fresh)
+    keys = [received.key for received in (reader.take(5.0), reader.take(0.0)) if received is not None]
+    assert keys == (["cell/a", "cell/b"] if other == "cell/b" else ["cell/a"])
+    assert counter.superseded == (other == "cell/a")
 
 
 @pytest.mark.parametrize("delivery", [Delivery.EVERY, Delivery.LATCHED])

@@ -70,6 +70,10 @@ class Inbox:
         self._waiting[place] = arrived
         self._last_arrival = time.monotonic()
 
+    def holds_newer(self, arrived: Arrived) -> bool:
+        """Whether a *latest* message waits that came on the same key as this one, which was taken."""
+        return arrived.key in self._waiting
+
     def _place(self, arrived: Arrived) -> Hashable:
         if self._delivery is Delivery.EVERY:
             self._arrivals += 1

@@ -144,7 +144,7 @@ class Reader(Generic[M]):
                 if not patience:
                     return False
                 self._changed.wait(patience)
-            overtaken = len(self._pending) > 0 and self._pending.is_stale(arrived)
+            overtaken = self._pending.holds_newer(arrived) and self._pending.is_stale(arrived)
             self.counter.superseded += overtaken
             return overtaken
 
