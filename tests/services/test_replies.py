@@ -10,13 +10,13 @@ from tests.services.waiting import DEADLINE
 
 from zsight.bus import Bus
 from zsight.bus.memory_link import MemoryLink
-from zsight.errors import ConnectionLost, DeadlinePassed
+from zsight.errors import ConnectionLost, DeadlinePassed, RequestRefused
 from zsight.question import ask_question, nobody
 from zsight_protocol.action import CancelCode, CancelRequest, CancelResponse
 from zsight_protocol.codec import encode
 
 if TYPE_CHECKING:
-    from zsight.bus import RawRequest
+    from zsight.bus.link import RawRequest, RequestHandler
 
 
 @pytest.fixture
@@ -75,6 +75,36 @@ def test_who_answers_is_heard_although_another_is_silent(bus: Bus) -> None:
     bus.serve(bus.cell.cancel("loud"), lambda request: request.reply(encode(word)))
     answers = ask_question(bus, bus.cell.cancel("*"), CancelRequest(), CancelResponse, everyone=True, timeout=0.05)
     assert answers == [word]
+
+
+def babble(request: RawRequest) -> None:
+    request.reply(b"\xc1")
+    request.close()
+
+
+@pytest.mark.parametrize(
+    ("other", "words"),
+    [(babble, "not a CancelResponse"), (lambda request: request.refuse("what is that?"), "what is that")],
+    ids=["not understood", "does not understand"],
+)
+def test_a_server_of_another_version_spoils_no_other_answer(
+    bus: Bus, other: RequestHandler, words: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    def ask() -> list[CancelResponse]:
+        return ask_question(bus, bus.cell.cancel("*"), CancelRequest(), CancelResponse, everyone=True)
+
+    bus.serve(bus.cell.cancel("other"), other)
+    with pytest.raises(RequestRefused, match=words):
+        ask()
+    word = CancelResponse(code=CancelCode.NONE)
+
+    def answer(request: RawRequest) -> None:
+        request.reply(encode(word))
+        request.close()
+
+    bus.serve(bus.cell.cancel("known"), answer)
+    assert ask() == [word]
+    assert words in caplog.text
 
 
 def test_an_error_that_tells_who_is_there_says_that_the_network_is_gone(bus: Bus, link: MemoryLink) -> None:
