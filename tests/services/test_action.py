@@ -12,6 +12,7 @@ from tests.services.gated_work import Gated
 from tests.services.waiting import DEADLINE, Arrivals, soon
 
 from zsight.action import server as action_server
+from zsight.action import status_board
 from zsight.action.client import GoalCall, cancel
 from zsight.action.server import ActionServer, Policy
 from zsight.client import CellClient
@@ -339,6 +340,18 @@ def test_a_late_watcher_sees_who_is_at_work(bench: Bench) -> None:
 
 
 # Servers that go.
+
+
+def test_the_last_list_of_a_server_tells_how_its_goals_ended(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(status_board, "_PAUSE", DEADLINE)  # the server goes before the next list is due
+    call = bench.executing()
+    bench.work.gate.set()
+    call.wait()
+    bench.server.close()
+    reader = bench.watcher.reader(bench.watcher.cell.status("finder"), GoalStatusList)
+    received = reader.take(DEADLINE)
+    assert received is not None
+    assert [(goal.goal_id, goal.state) for goal in received.message.goals] == [(call.goal_id, GoalState.SUCCEEDED)]
 
 
 def test_a_server_that_closes_answers_what_it_has(bench: Bench) -> None:

@@ -45,8 +45,10 @@ class StatusBoard:
         self._thread.join()
 
     def _run(self) -> None:
-        while not self._closed.is_set():
+        last = False
+        while not last:
             self._changed.wait()
+            last = self._closed.is_set()
             self._changed.clear()
             try:
                 self._writer.send(self._present())
