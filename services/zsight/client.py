@@ -329,13 +329,14 @@ class CellClient:
             NobodyAnswers: no planes service reads the patches.
             DeadlinePassed: it published no plane in time, for instance because the patch has none.
         """
-        with contextlib.closing(self.bus.reader(self.bus.cell.plane(camera), Plane)) as planes:
-            writer = self.bus.writer(self.bus.cell.selected_points(camera), PointCloud2)
+        with (
+            contextlib.closing(self.bus.reader(self.bus.cell.plane(camera), Plane)) as planes,
+            contextlib.closing(self.bus.writer(self.bus.cell.selected_points(camera), PointCloud2)) as writer,
+        ):
             if not _soon(writer.has_readers, timeout):
                 raise NobodyAnswers(f"nobody reads {self.bus.cell.selected_points(camera)}: start the planes service")
             writer.send(patch.message() if isinstance(patch, Cloud) else patch)
             received = planes.take(timeout)
-            writer.close()
         if received is None:
             raise DeadlinePassed(f"no plane within {timeout:g} s: see the log of the planes service")
         return received.message

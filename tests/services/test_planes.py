@@ -199,5 +199,7 @@ def test_a_patch_before_any_cloud_is_told(
 
 
 def test_without_the_service_nobody_answers(join_memory: Callable[[], Bus]) -> None:
+    bus = join_memory()
     with pytest.raises(NobodyAnswers, match="start the planes service"):
-        CellClient(join_memory()).select(message(floor()), timeout=0.02)
+        CellClient(bus).select(message(floor()), timeout=0.02)
+    assert (bus.writers, bus.readers) == ([], [])
