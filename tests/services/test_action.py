@@ -20,6 +20,7 @@ from zsight.errors import DeadlinePassed, NobodyAnswers, RequestRefused, ServerL
 from zsight.finder import Settings
 from zsight_protocol.action import (
     CancelCode,
+    CancelRequest,
     GoalState,
     GoalStatusList,
     ResultRequest,
@@ -226,6 +227,32 @@ def test_a_bad_cancel_is_rejected(bench: Bench) -> None:
     reply = replies.take(DEADLINE)
     assert reply is not None
     assert b"\xa4code\x01" in reply
+
+
+class Gone:
+    """A request of a client that has gone."""
+
+    key = "test/find_object/finder/cancel"
+    payload = encode(CancelRequest())
+
+    def __init__(self) -> None:
+        self.closed = False
+
+    def reply(self, payload: bytes) -> None:
+        raise ConnectionError(f"nobody reads {len(payload)} bytes")
+
+    def refuse(self, words: str) -> None:
+        raise ConnectionError(words)
+
+    def close(self) -> None:
+        self.closed = True
+
+
+def test_a_cancel_whose_client_has_gone_is_closed_and_done(bench: Bench) -> None:
+    call, request = bench.executing(), Gone()
+    bench.server._cancel_asked(request)
+    assert request.closed
+    assert words(call.wait()) == (GoalState.CANCELLED, "stopped")
 
 
 # Room and time.

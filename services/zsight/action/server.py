@@ -279,7 +279,7 @@ class ActionServer(Generic[Goal, Result]):
         except ProtocolError as error:
             log.warning("refused a cancel: %s", error)
             response = CancelResponse(code=CancelCode.REJECTED)
-        request.reply(encode(response))
+        self._reply(request, encode(response))
         request.close()
 
     def _cancel(self, wanted: str | None) -> CancelResponse:
