@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import stat
 import threading
 import time
 from contextlib import suppress
@@ -103,7 +104,8 @@ def down(connect: Connect = None, namespace: Namespace = None) -> None:
     """Stop what "zsight up" started on this host."""
     network = network_of(connect, namespace)
     path = _running(network)
-    pid = int(path.read_text(encoding="ascii"))
+    with _own_file(path) as file:
+        pid = int(file.read())
     os.kill(pid, signal.SIGTERM)
     deadline = time.monotonic() + 5.0
     pause = threading.Event()
@@ -161,9 +163,31 @@ def _running(network: Network) -> Path:
     return running[0]
 
 
+def _own_file(path: Path, flags: int = 0) -> IO[bytes]:
+    """A file of this user, open; others may put links and files of theirs where it is expected.
+
+    Raises:
+        UsageError: it is not this user's own.
+        FileNotFoundError: it is not there, and flags do not ask for it to be made.
+    """
+    problem = f"{path} is no file of this user's own: remove it, or set XDG_RUNTIME_DIR to a folder that is"
+    try:
+        handle = os.open(path, os.O_RDWR | os.O_NOFOLLOW | flags, 0o600)
+    except FileNotFoundError:
+        raise
+    except OSError as error:
+        raise UsageError(f"{problem} ({error.strerror})") from None
+    file = os.fdopen(handle, "r+b", buffering=0)
+    state = os.fstat(handle)
+    if state.st_uid != os.getuid() or not stat.S_ISREG(state.st_mode):
+        file.close()
+        raise UsageError(problem)
+    return file
+
+
 def _is_held(path: Path) -> bool:
     """Whether the process that a pid file names still holds its lock; its number may be another process's by now."""
-    with suppress(OSError), path.open("rb") as file:
+    with suppress(FileNotFoundError), _own_file(path) as file:
         if not _lock(file):
             return True
     path.unlink(missing_ok=True)
@@ -189,7 +213,7 @@ class _pid_file:  # noqa: N801  reads as the action it is
         self._path = _pid_path(network)
 
     def __enter__(self) -> None:
-        self._file = self._path.open("ab", buffering=0)
+        self._file = _own_file(self._path, os.O_CREAT)
         if not _lock(self._file):
             self._file.close()
             raise _is_up(self._network)
@@ -216,7 +240,8 @@ def _detach(network: Network) -> None:
         raise _is_up(network)
     arguments = [argument for argument in sys.argv[1:] if argument not in ("-d", "--detach")]
     path = path.with_suffix(".log")
-    with path.open("wb") as log:
+    with _own_file(path, os.O_CREAT) as log:
+        log.truncate(0)
         process = subprocess.Popen(
             [sys.executable, "-m", "zsight", *arguments],
             stdin=subprocess.DEVNULL,
