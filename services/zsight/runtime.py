@@ -154,8 +154,8 @@ def _served(
         threading.Thread(target=_stop_bus, args=(stopping, bus, roster), name="stop", daemon=True).start()
         try:
             loop(bus, settings)
-        except (UsageError, CoreError, ProtocolError) as error:
-            if not bus.is_ready:
+        except (ZsightError, CoreError, ProtocolError) as error:
+            if not bus.is_ready or isinstance(error, ConnectionLost):
                 raise
             raise ZsightError(str(error)) from error  # its settings made sense: it is worth starting again
     return roster is not None and roster.changed and not stopping.is_set()

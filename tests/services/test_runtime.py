@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from zsight import planes, runtime
-from zsight.errors import UsageError, ZsightError
+from zsight.errors import NotAllowed, UsageError, ZsightError
 from zsight.services import service
 from zsight_core.errors import GeometryError
 from zsight_protocol.errors import EncodeError
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from zsight.settings import Settings
 
 
-@pytest.mark.parametrize("error", [UsageError("no"), GeometryError("no"), EncodeError("no")])
+@pytest.mark.parametrize("error", [UsageError("no"), NotAllowed("no"), GeometryError("no"), EncodeError("no")])
 @pytest.mark.parametrize(("ready", "code"), [(False, UsageError.exit_code), (True, ZsightError.exit_code)])
 def test_what_happens_once_it_is_ready_is_not_laid_to_its_settings(
     zenoh_network: Network, monkeypatch: pytest.MonkeyPatch, error: Exception, ready: bool, code: int
