@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -14,9 +15,11 @@ from zsight.catalogue import type_files
 from zsight.client import CellClient
 from zsight.errors import UsageError
 from zsight.recording import player
+from zsight.recording.answers import answers
 from zsight.recording.bundle import bundle
 from zsight.recording.mcap_copy import Part, copy
-from zsight.recording.rerun import Tolerance, compare, rerun
+from zsight.recording.opening import open_recording
+from zsight.recording.rerun import Tolerance, _find_again, compare, rerun
 from zsight.recording.rerun_process import RerunProcess
 from zsight.recording_client import PlayerClient
 from zsight_core.scene_limits import SceneLimits
@@ -56,6 +59,17 @@ def test_every_goal_is_searched_again_and_nothing_has_changed(recorded: Recorded
         assert (row["object_type"], row["then"], row["now"], row["regression"]) == ("toy_block", "found", "found", "")
         assert row["moved_mm"] < 1e-6
         assert row["ms_then"] > 0
+
+
+def test_a_known_height_is_taken_as_the_finder_takes_it(recorded: Recorded) -> None:
+    recording = open_recording(recorded.path)
+    answer = next(iter(answers(recording)))
+    asked = replace(answer, goal=answer.goal.model_copy(update={"known_height": 0.7747}))
+    assert _find_again(asked, types(), SceneLimits()).objects
+    tilted = replace(asked, result=asked.result.model_copy(update={"header": asked.cloud.header}))
+    with pytest.raises(UsageError, match="degrees off the world's"):
+        _find_again(tilted, types(), SceneLimits())
+    recording.close()
 
 
 def test_settings_that_are_tried_change_the_answers(recorded: Recorded) -> None:
