@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -27,7 +28,6 @@ from zsight_protocol.ros_message import from_cdr
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from pathlib import Path
 
     from zsight.bus import Bus
 
@@ -136,6 +136,33 @@ def test_the_seconds_before_a_trigger_are_written_with_what_was_in_force(join_me
     assert numbers == [cloud(n) for n in range(201 - len(numbers), 201)]
     before = [e for e in entries if IN_FORCE in e.channel.metadata]
     assert [from_cdr(TransformList, e.data) for e in before] == [transform(5.0)]
+
+
+def test_all_that_was_kept_is_written_however_little_may_wait_for_the_disk(join_memory: Join, tmp_path: Path) -> None:
+    server, test = join_memory(), join_memory()
+    points = test.writer(test.cell.points("kinect"), PointCloud2)
+    with running(recorder.run, server, settings(tmp_path, ring=100, memory=0.05, after=100)):
+        for number in range(60):  # 1.4 MiB
+            points.send(cloud(number, size=(30, 40)))
+        state = RecorderClient(test).trigger()
+        points.send(cloud(60))  # finds room beside what was kept
+        ended = RecorderClient(test).stop()
+    assert (ended.messages, ended.lost) == (61, 0)
+    assert len(keys_in(Path(state.path))) == 61
+
+
+def test_what_is_kept_stays_so_where_no_file_can_be_made(join_memory: Join, tmp_path: Path) -> None:
+    server, test = join_memory(), join_memory()
+    points = test.writer(test.cell.points("kinect"), PointCloud2)
+    (tmp_path / "taken.mcap").touch()
+    with running(recorder.run, server, settings(tmp_path, ring=100)):
+        control = RecorderClient(test)
+        for number in range(5):
+            points.send(cloud(number))
+        with pytest.raises(RequestRefused, match="there already"):
+            control.start("taken")
+        control.start("free")
+        assert control.stop().messages == 5
 
 
 def result(code: ResultCode) -> Update[FindObjectResult]:

@@ -18,7 +18,7 @@ from zsight.recording.recording_file import RecordingFile, row_of
 from zsight_protocol.channels import Delivery
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
     from pathlib import Path
 
     from zsight.recording.sample import Sample
@@ -69,7 +69,7 @@ class DiskWriter:
         policy: DiskPolicy,
         *,
         in_force: list[Sample],
-        begin_ns: int | None = None,
+        kept: Sequence[Sample] = (),
         coded: Callable[[str, Message], Message] = lambda _, message: message,
     ) -> None:
         """Create the first file and start writing.
@@ -80,7 +80,7 @@ class DiskWriter:
             about: what the file says of the recording.
             policy: layout on the disk.
             in_force: latched messages that came before; every file begins with those in force then.
-            begin_ns: when the first message came that is to be written; now, if not given.
+            kept: messages that came before and are written first, all of them, however little may wait.
             coded: what is written in place of a message.
 
         Raises:
@@ -104,13 +104,14 @@ class DiskWriter:
         self._unwritten: Counter[str] = Counter()  # not yet told to a file
         self._written_before = 0
         self._rate = Rate()
-        self._queue: deque[Sample] = deque()
-        self._waiting = 0
+        self._queue = deque(kept)
+        self._waiting = sum(len(sample.payload) for sample in kept)
+        self._room = policy.memory + self._waiting  # what was kept takes none from what comes
         self._changed = threading.Condition()
         self._stopping = False
         self._last_ns = 0
         self._to_sync: tuple[RecordingFile, int] | None = None
-        self._file: RecordingFile | None = self._open(time.time_ns() if begin_ns is None else begin_ns)
+        self._file: RecordingFile | None = self._open(kept[0].received_ns if kept else time.time_ns())
         self._thread = threading.Thread(target=self._run, name="disk", daemon=True)
         self._sync_thread = threading.Thread(target=self._sync, name="sync", daemon=True)
         self._thread.start()
@@ -121,7 +122,7 @@ class DiskWriter:
     def put(self, sample: Sample) -> None:
         """Take a message over; returns at once."""
         with self._changed:
-            if self.full or self.ended or self._waiting + len(sample.payload) > self._policy.memory:
+            if self.full or self.ended or self._waiting + len(sample.payload) > self._room:
                 self._unwritten[sample.key] += 1
                 return
             self._waiting += len(sample.payload)
@@ -253,7 +254,7 @@ class DiskWriter:
                 f"{free >> 20} MiB are left on the disk, of which {self._policy.reserve >> 20} are kept free"
             )
             return
-        compression = self.choice.next(self.bytes_per_second, self._waiting / self._policy.memory)
+        compression = self.choice.next(self.bytes_per_second, self._waiting / self._room)
         begun = time.perf_counter()
         try:
             file.mcap.close_chunk(compression)

@@ -176,7 +176,6 @@ class Recorder:
         if place.suffix != ".mcap":
             place = place.with_name(place.name + ".mcap")
         about = {"recorder": self._settings.name, "keys": " ".join(choice.expressions)}
-        kept = self._ring.take() if self._ring is not None else []
         try:
             self._disk = DiskWriter(
                 place,
@@ -184,15 +183,14 @@ class Recorder:
                 about,
                 _policy(self._settings),
                 in_force=list(self._in_force.values()),
+                kept=[] if self._ring is None else self._ring.samples(),
                 coded=DepthCoder() if self._settings.depth_coded else lambda _, message: message,
-                begin_ns=kept[0].received_ns if kept else None,
             )
         except OSError as error:
             raise UsageError(f"{place} cannot be written: {error.strerror or error}") from None
         if self._ring is not None:
+            self._ring.clear()
             self._ends = time.monotonic() + self._settings.after
-        for sample in kept:
-            self._disk.put(sample)
 
     def _read(self, choice: KeyChoice) -> None:
         self._capture = Capture(self._bus, choice, self._arrived, self._lost)
