@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import threading
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,10 +13,11 @@ from tests.services.running import running
 from tests.services.waiting import known, soon
 
 from zsight.errors import NobodyAnswers, RequestRefused
-from zsight.recording import recorder
-from zsight.recording.disk_writer import DiskPolicy, DiskWriter
+from zsight.recording import disk_writer, recorder
+from zsight.recording.disk_writer import DiskPolicy, DiskWriter, OnFull
 from zsight.recording.file_series import Split
 from zsight.recording.mcap_file import McapFile
+from zsight.recording.mcap_writer import McapWriter
 from zsight.recording.recording_file import IN_FORCE, LOSSES
 from zsight.recording_client import RecorderClient
 from zsight_protocol.action import GoalState, Update, new_goal_id
@@ -226,6 +228,47 @@ def test_a_recording_is_split_each_file_stands_alone_and_the_last_are_kept(tmp_p
         found += [e.sequence - 1 for e in entries[1:]]
     assert found == list(range(20 - len(found), 20))
     assert writer.losses() == {}
+
+
+def test_a_file_that_cannot_be_begun_takes_none_of_those_that_are_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    refused = threading.Semaphore(0)
+
+    def refuse(*_: object) -> None:
+        refused.release()
+        raise OSError(errno.EMFILE, "Too many open files")
+
+    monkeypatch.setattr(disk_writer, "_LOOK_AGAIN", 0.001)
+    policy = {"split": Split(bytes=1_000_000, keep=3), "on_full": OnFull.WAIT, "compression": "none"}
+    writer = disk(tmp_path / "a.mcap", **policy)
+    writer.put(numbered(0, size=(480, 640)))
+    assert soon(lambda: len(writer.series.files) == 2)
+    with monkeypatch.context() as full:
+        full.setattr(disk_writer, "RecordingFile", refuse)
+        writer.put(numbered(1, size=(480, 640)))
+        for _ in range(4):
+            assert refused.acquire(timeout=10)
+    assert soon(lambda: not writer.full)
+    writer.put(numbered(2))
+    writer.close()
+    assert sorted(tmp_path.iterdir()) == writer.series.files
+    assert [file.name for file in writer.series.files] == ["a_0.mcap", "a_1.mcap", "a_2.mcap"]
+    assert [len(keys_in(file)) for file in writer.series.files] == [1, 1, 1]
+
+
+def test_a_file_that_can_be_made_but_not_begun_is_not_left_behind(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(McapWriter, "channel", refuse)
+    in_force = [sample("cell/tf_static", transform(5.0), START)]
+    with pytest.raises(OSError, match="No space"):
+        DiskWriter(tmp_path / "a.mcap", "cell", {}, DiskPolicy(), in_force=in_force)
+    assert list(tmp_path.iterdir()) == []
+
+
+def refuse(*_: object) -> int:
+    raise OSError(errno.ENOSPC, "No space left on device")
 
 
 def test_what_finds_no_room_in_memory_is_dropped_at_once_and_counted(tmp_path: Path) -> None:

@@ -313,8 +313,12 @@ class DiskWriter:
 
     def _open(self, begin_ns: int) -> RecordingFile:
         file = RecordingFile(self.series.next(), self._namespace, self._about, self._coded)
-        file.begin_with(sorted(self._in_force.values(), key=lambda s: s.received_ns), begin_ns)
-        self.series.drop_old()
+        try:
+            file.begin_with(sorted(self._in_force.values(), key=lambda s: s.received_ns), begin_ns)
+        except OSError:
+            file.mcap.discard()
+            raise
+        self.series.begun(file.path)
         self._last_ns = begin_ns
         return file
 

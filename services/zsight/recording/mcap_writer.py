@@ -77,8 +77,7 @@ class McapWriter:
         try:
             self._append([MAGIC + packed_record(Opcode.HEADER, packed_text("ros2") + packed_text(library))])
         except OSError:
-            os.close(self._file)
-            path.unlink(missing_ok=True)
+            self.discard()
             raise
 
     def schema(self, name: str, encoding: str, data: bytes) -> int:
@@ -210,6 +209,11 @@ class McapWriter:
     def abandon(self) -> None:
         """Close the file as it is, without a summary."""
         os.close(self._file)
+
+    def discard(self) -> None:
+        """Close the file, and remove it."""
+        self.abandon()
+        self.path.unlink(missing_ok=True)
 
     def _give_up_last_chunk(self) -> None:
         last = self._indexes.pop()

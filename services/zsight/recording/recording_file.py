@@ -82,7 +82,11 @@ class RecordingFile:
         self._came: Counter[str] = Counter()
         self._lost: Counter[str] = Counter()
         versions = {"version": version, "python": platform.python_version(), "platform": platform.platform()}
-        self.mcap.add_metadata(Metadata(ABOUT, {"namespace": namespace, **versions, **about}))
+        try:
+            self.mcap.add_metadata(Metadata(ABOUT, {"namespace": namespace, **versions, **about}))
+        except OSError:
+            self.mcap.discard()
+            raise
 
     def begin_with(self, samples: Iterable[Sample], begin_ns: int) -> None:
         """Write what was in force before the first message, with the time at which the file begins."""
