@@ -12,7 +12,7 @@ from tests.services.recordings import START, cloud, sample, transform
 
 from zsight.errors import UsageError
 from zsight.recording.mcap_file import McapFile
-from zsight.recording.mcap_records import Attachment, Metadata
+from zsight.recording.mcap_records import Attachment, Metadata, Opcode, packed_record
 from zsight.recording.mcap_writer import McapWriter
 from zsight.recording.recording_file import LOSSES, RecordingFile
 from zsight_protocol.point_cloud import PointCloud2
@@ -166,6 +166,16 @@ def test_a_file_cut_anywhere_is_read_as_far_as_its_chunks_go(tmp_path: Path, com
     assert ends[-1] == 40
     # Uncompressed chunks are read message by message, the others chunk by chunk.
     assert (len(set(ends)) > 20) == (compression == "")
+
+
+def test_a_message_outside_of_chunks_that_is_too_short_is_left_out(tmp_path: Path) -> None:
+    file = write(tmp_path / "a.mcap", finish=False)
+    file.mcap.abandon()
+    with (tmp_path / "a.mcap").open("ab") as end:
+        end.write(packed_record(Opcode.MESSAGE, bytes(12)))
+    with McapFile.open(tmp_path / "a.mcap") as read:
+        assert len(list(read.messages())) == 40
+        assert "damaged" in read.damage
 
 
 def test_a_chunk_whose_bytes_have_changed_is_left_out(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import os
 import threading
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,6 +13,7 @@ from tests.services.recordings import START, cloud, sample, transform
 from tests.services.running import running
 from tests.services.waiting import known, soon
 
+from zsight.bus.attachment import Attachment
 from zsight.errors import NobodyAnswers, RequestRefused
 from zsight.recording import disk_writer, recorder
 from zsight.recording.disk_writer import DiskPolicy, DiskWriter, OnFull
@@ -21,6 +23,8 @@ from zsight.recording.mcap_writer import McapWriter
 from zsight.recording.recording_file import IN_FORCE, LOSSES
 from zsight.recording_client import RecorderClient
 from zsight_protocol.action import GoalState, Update, new_goal_id
+from zsight_protocol.channels import Delivery
+from zsight_protocol.codec import encode
 from zsight_protocol.find_object import FindObjectGoal, FindObjectResult, ResultCode, Status
 from zsight_protocol.geometry import TransformList
 from zsight_protocol.message import Header, Message
@@ -189,6 +193,19 @@ def test_a_failed_find_triggers(join_memory: Join, tmp_path: Path, code: ResultC
         assert keys_in(path) == ["test/find_object/finder/goal", "test/find_object/finder/feedback"]
 
 
+@pytest.mark.parametrize("key", ["elsewhere/feedback", "test/find_object/feedback"])
+def test_other_keys_that_end_like_the_answers_of_finds_are_recorded(
+    join_memory: Join, tmp_path: Path, key: str
+) -> None:
+    server, test = join_memory(), join_memory()
+    writer = test.link.writer(key, Delivery.EVERY)
+    payload = encode(FindObjectGoal(goal_id=new_goal_id(), object_type="ball"))
+    with running(recorder.run, server, settings(tmp_path, keys=key, ring=100, trigger_failed_find=True)):
+        writer.put(payload, b"", Attachment(7, 1, START).pack())
+        state = RecorderClient(test).trigger()
+    assert keys_in(Path(state.path)) == [key]
+
+
 def test_a_message_on_a_key_triggers(join_memory: Join, tmp_path: Path) -> None:
     server, test = join_memory(), join_memory()
     patches = test.writer(test.cell.selected_points("kinect"), PointCloud2)
@@ -269,6 +286,31 @@ def test_a_file_that_can_be_made_but_not_begun_is_not_left_behind(
 
 def refuse(*_: object) -> int:
     raise OSError(errno.ENOSPC, "No space left on device")
+
+
+def test_a_message_that_the_disk_refuses_is_lost_and_not_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(McapWriter, "channel", refuse)  # the first message of a key needs one
+    writer = disk(tmp_path / "a.mcap")
+    writer.put(numbered(0))
+    writer.close()
+    assert (writer.messages, writer.bytes_in) == (0, 0)
+    assert writer.losses() == {"cell/kinect/points": 1}
+
+
+def test_what_a_full_disk_takes_back_is_lost_and_not_safe(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    in_force = [sample("cell/tf_static", transform(5.0), START - 1)]
+    writer = DiskWriter(tmp_path / "a.mcap", "cell", {}, DiskPolicy(reserve=1 << 18), in_force=in_force)
+    writer.put(numbered(0))
+    assert soon(lambda: writer.safe_ns == START)
+    with monkeypatch.context() as full:
+        full.setattr(os, "writev", refuse)  # so not even the index finds room, and chunks give way to it
+        writer.put(numbered(1))
+        writer.close()
+    assert writer.messages == 0
+    assert writer.losses() == {"cell/kinect/points": 2}
+    assert writer.safe_ns == START
 
 
 def test_what_finds_no_room_in_memory_is_dropped_at_once_and_counted(tmp_path: Path) -> None:

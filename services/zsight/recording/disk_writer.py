@@ -221,11 +221,11 @@ class DiskWriter:
 
     def _write(self, sample: Sample) -> None:
         file = self._file
-        if file is None:
-            with self._changed:
-                self._waiting -= len(sample.payload)
+        with self._changed:
+            self._waiting -= len(sample.payload)
+            if file is None:
                 self._unwritten[sample.key] += 1
-            return
+                return
         row = row_of(sample.key, self._namespace)
         if row is not None and row.delivery is Delivery.LATCHED:
             self._in_force[sample.key, sample.writer] = sample
@@ -234,9 +234,8 @@ class DiskWriter:
         except OSError as error:  # a new channel is written at once
             file.lose(sample.key)
             self._stop_for(error)
-            is_full = False
+            return
         with self._changed:
-            self._waiting -= len(sample.payload)
             self.messages += 1
             self.bytes_in += len(sample.payload)
         self._last_ns = sample.received_ns
@@ -331,16 +330,22 @@ class DiskWriter:
             unwritten, self._unwritten = self._unwritten, Counter()
         for key, count in unwritten.items():
             file.lose(key, count)
+        told = sum(file.losses().values())
         compression = self.choice.next(self.bytes_per_second, 0.0)
+        is_whole = True
         try:
-            losses = file.finish(compression)
+            file.finish(compression)
         except OSError as error:
             log.error("%s has no index (%s): zsight bag recover mends it", file.path, error.strerror or error)
-            losses = file.losses()
+            is_whole = False
+        losses = file.losses()
+        taken_back = sum(losses.values()) - told  # written, as it seemed, in chunks for which there was no room
         with self._changed:
             self._losses.update(losses)
+            self.messages -= taken_back
             self._written_before += file.mcap.size
-            self.safe_ns = max(self.safe_ns, self._last_ns)
+            if is_whole and not taken_back:
+                self.safe_ns = max(self.safe_ns, self._last_ns)
 
     # On the other thread.
 

@@ -21,6 +21,7 @@ from zsight.recording.memory_ring import MemoryRing
 from zsight.recording.recording_file import row_of
 from zsight.settings import Live
 from zsight.settings import Settings as ServiceSettings
+from zsight_protocol.action import Update
 from zsight_protocol.channels import Delivery
 from zsight_protocol.codec import decode
 from zsight_protocol.errors import ProtocolError
@@ -31,7 +32,7 @@ from zsight_protocol.recording import KeyLoss, RecorderRequest, RecorderState, R
 if TYPE_CHECKING:
     from zsight.bus import Bus
     from zsight.recording.sample import Sample
-    from zsight_protocol.action import Update
+    from zsight_protocol.channels import Channel
 
 __all__ = ["Recorder", "Settings", "run"]
 
@@ -206,7 +207,7 @@ class Recorder:
             row = row_of(sample.key, self._bus.cell.namespace)
             if row is not None and row.delivery is Delivery.LATCHED:
                 self._in_force[sample.key, sample.writer] = sample
-            if self._ring is not None and self._triggers(sample):
+            if self._ring is not None and self._triggers(sample, row):
                 self._trigger = sample.key
 
     def _lost(self, key: str, count: int) -> None:
@@ -214,14 +215,14 @@ class Recorder:
             if self._disk is not None:
                 self._disk.lose(key, count)
 
-    def _triggers(self, sample: Sample) -> bool:
+    def _triggers(self, sample: Sample, row: Channel | None) -> bool:
         if self._settings.trigger_key and matches(self._settings.trigger_key, sample.key):
             return True
-        if not self._settings.trigger_failed_find or not sample.key.endswith("/feedback"):
+        answers = Update[FindObjectResult]
+        if not self._settings.trigger_failed_find or row is None or row.message is not answers:
             return False
-        row = row_of(sample.key, self._bus.cell.namespace)
         try:
-            update: Update[FindObjectResult] = decode(row.message, sample.payload)  # type: ignore[union-attr,arg-type]  # that row's
+            update = decode(answers, sample.payload)
         except ProtocolError:
             return False
         return update.final and (update.result is None or update.result.code is not ResultCode.FOUND)
