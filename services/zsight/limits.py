@@ -1,4 +1,4 @@
-"""What is taken from the network at most: every limit on what others send, in one place.
+"""What is taken from the network and from recordings at most: every limit on what others send, in one place.
 
 What the messages themselves may hold stands with them, in zsight_protocol; how many goals a finder takes, in its
 settings ``parallel`` and ``queue``.
@@ -6,10 +6,13 @@ settings ``parallel`` and ``queue``.
 
 from __future__ import annotations
 
-__all__ = ["MESSAGE_BYTES", "REQUESTS_PER_SECOND", "REQUEST_BYTES", "SESSIONS", "WAITING"]
+__all__ = ["CHUNK_BYTES", "MESSAGE_BYTES", "REQUESTS_PER_SECOND", "REQUEST_BYTES", "SESSIONS", "WAITING"]
 
 MESSAGE_BYTES = 512 * 2**20
 """Largest message: 33 million points of 16 bytes. Zenoh drops the link of who sends more, a reader refuses it."""
+
+CHUNK_BYTES = 2 * MESSAGE_BYTES
+"""Largest chunk of a recording, unpacked: one largest message and what came before it; most writers stay below 5 MB."""
 
 WAITING = 256
 """Messages that wait for a reader of a channel on which each counts; more are lost, and counted."""
