@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import tracemalloc
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -183,6 +184,21 @@ def assert_same(ours: Any, theirs: Any) -> None:
         assert (ours.height, ours.width, ours.point_step) == (theirs.height, theirs.width, theirs.point_step)
         assert ours.header.stamp.ns == theirs.header.stamp.sec * 10**9 + theirs.header.stamp.nanosec
         assert ours.header.frame_id == theirs.header.frame_id
+
+
+def test_a_check_holds_some_chunks_of_a_recording_at_once_and_not_all(tmp_path: Path) -> None:
+    file = RecordingFile(tmp_path / "a.mcap", "cell", {})
+    for number in range(30):  # 1 MiB each
+        file.write(sample("cell/kinect/points", cloud(1, size=(100, 640)), START + number, sequence=number + 1))
+        file.mcap.close_chunk("zstd")
+    file.finish()
+    tracemalloc.start()
+    try:
+        assert check(tmp_path / "a.mcap")["sound"]
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak < 15 << 20
 
 
 DEPTH = np.tile(np.linspace(500, 1500, 8, dtype=np.uint16), (6, 1))
