@@ -10,7 +10,7 @@ import pytest
 from zsight.catalogue import type_files
 from zsight.catalogue.client import Catalog
 from zsight.catalogue.server import serve_catalogue
-from zsight.catalogue.type_files import load, read_type, shipped_folder
+from zsight.catalogue.type_files import load, mesh_beside, read_type, shipped_folder
 from zsight.errors import NobodyAnswers, RequestRefused, UsageError
 from zsight_core.model import Box, size_of
 from zsight_protocol.errors import ProtocolError
@@ -121,6 +121,29 @@ def test_a_mesh_comes_along(catalog: Catalog, known: Catalogue, tmp_path: Path) 
     other = ObjectType(name="other", shape=part.shape)
     with pytest.raises(RequestRefused, match=r"another type's mesh is called part.stl"):
         catalog.add(other, (shipped_folder() / "mug.stl").read_bytes())
+
+
+def test_a_mesh_that_is_refused_for_its_size_leaves_the_one_that_is_there(catalog: Catalog, tmp_path: Path) -> None:
+    bracket, mug = ((shipped_folder() / name).read_bytes() for name in ("l_bracket.stl", "mug.stl"))
+    part = ObjectType(name="part", shape=ShapeOf(mesh=MeshShape(file="part.stl")))
+    catalog.add(part, bracket)
+    large = ObjectType(name="part", shape=ShapeOf(mesh=MeshShape(file="part.stl", scale=1000)))
+    with pytest.raises(RequestRefused, match="m large with scale 1000"):
+        catalog.add(large, mug)
+    assert (tmp_path / "part.stl").read_bytes() == bracket
+    assert catalog.get("part") == part
+
+
+def test_a_former_version_keeps_its_mesh(catalog: Catalog, tmp_path: Path) -> None:
+    bracket, mug = ((shipped_folder() / name).read_bytes() for name in ("l_bracket.stl", "mug.stl"))
+    part = ObjectType(name="part", shape=ShapeOf(mesh=MeshShape(file="part.stl")))
+    catalog.add(part, bracket)
+    catalog.add(part, mug)
+    assert (tmp_path / "part.stl").read_bytes() == mug
+    former = tmp_path / "versions" / "part.1.yaml"
+    kind = read_type(former)
+    assert kind == catalog.get("part", version=1)
+    assert mesh_beside(kind, former) == bracket
 
 
 def test_types_may_change_while_others_read_them(known: Catalogue, tmp_path: Path) -> None:
