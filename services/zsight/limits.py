@@ -15,7 +15,8 @@ CHUNK_BYTES = 2 * MESSAGE_BYTES
 """Largest chunk of a recording, unpacked: one largest message and what came before it; most writers stay below 5 MB."""
 
 WAITING = 256
-"""Messages that wait for a reader of a channel on which each counts; more are lost, and counted."""
+"""Messages that wait for a reader of a channel on which each counts; more are lost, and counted. Also requests that
+wait to be answered one after the other; more are refused."""
 
 REQUEST_BYTES = 2**20
 """Largest request; goals, types and settings are some kilobytes."""

@@ -171,6 +171,31 @@ def test_what_is_kept_stays_so_where_no_file_can_be_made(join_memory: Join, tmp_
         assert control.stop().messages == 5
 
 
+def test_how_it_stands_is_told_while_a_file_is_closed(
+    join_memory: Join, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    server, test = join_memory(), join_memory()
+    closing, going_on = threading.Event(), threading.Event()
+    real = DiskWriter.close
+
+    def slow(writer: DiskWriter) -> None:
+        closing.set()
+        assert going_on.wait(10)
+        real(writer)
+
+    monkeypatch.setattr(DiskWriter, "close", slow)
+    with running(recorder.run, server, settings(tmp_path)):
+        control = RecorderClient(test)
+        control.start("one")
+        stopping = threading.Thread(target=control.stop)
+        stopping.start()
+        assert closing.wait(10)
+        assert control.status().state is Recording.RECORDING
+        going_on.set()
+        stopping.join()
+        assert control.status().state is Recording.IDLE
+
+
 def result(code: ResultCode) -> Update[FindObjectResult]:
     answer = FindObjectResult(header=Header(), code=code, status=Status.FOUND if not code else Status.NOT_FOUND)
     return Update(goal_id=new_goal_id(), state=GoalState.SUCCEEDED, final=True, result=answer)

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import logging
 import tempfile
-import threading
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from zsight.bus.link import Closable
+from zsight.bus.request_queue import RequestQueue
 from zsight.catalogue.type_files import REMOVED, Catalogue, mesh_beside, read_type, require_type_name, write_type
 from zsight.convert import pose_of
 from zsight.errors import UsageError, ZsightError
@@ -34,7 +35,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from zsight.bus import Bus, RawRequest
-    from zsight.bus.link import Closable
     from zsight_protocol.geometry import Quaternion
     from zsight_protocol.object_type import ObjectType
 
@@ -59,9 +59,11 @@ def serve_catalogue(
         bus: of the process.
         catalogue: what is served.
         folder: of the types that were added.
-        teach: measures a thing for a type of this name; takes a second, and so is called on a thread of its own.
+        teach: measures a thing for a type of this name; takes a second, for which nothing else waits.
         tell: told all types, at once and after every change: for watchers and recorders.
     """
+    # Poses in which a type rests, meshes, and all types after a change take long for the link's thread.
+    requests, lessons = RequestQueue("catalogue"), RequestQueue("teaching")
 
     def changed() -> None:
         tell(answer(CatalogRequest(action="list"), catalogue, folder))
@@ -73,14 +75,26 @@ def serve_catalogue(
             _reply(request, CatalogAnswer(ok=False, message=str(error)))
             return
         if wanted.action == "teach":
-            threading.Thread(target=_reply_safely, args=(request, lambda: _taught(wanted, teach)), daemon=True).start()
+            lessons.put(request, lambda _: _reply_safely(request, lambda: _taught(wanted, teach)))
         else:
+            requests.put(request, lambda _: done(request, wanted))
+
+    def done(request: RawRequest, wanted: CatalogRequest) -> None:
+        before = catalogue.types
+        try:
             _reply_safely(request, lambda: answer(wanted, catalogue, folder))
-        if wanted.action not in ("list", "get"):
-            changed()
+        finally:  # whoever asked may have gone
+            if catalogue.types is not before:
+                changed()
 
     changed()
-    return bus.serve(bus.cell.catalog("*"), asked)
+    server = bus.serve(bus.cell.catalog("*"), asked)
+
+    def close() -> None:
+        for closed in (server, requests, lessons):
+            closed.close()
+
+    return Closable(close)
 
 
 def _reply_safely(request: RawRequest, work: Callable[[], CatalogAnswer]) -> None:
