@@ -6,7 +6,16 @@ settings ``parallel`` and ``queue``.
 
 from __future__ import annotations
 
-__all__ = ["CHUNK_BYTES", "MESSAGE_BYTES", "REQUESTS_PER_SECOND", "REQUEST_BYTES", "SESSIONS", "WAITING"]
+__all__ = [
+    "CHUNK_BYTES",
+    "FRAMES",
+    "MESSAGE_BYTES",
+    "REQUESTS_PER_SECOND",
+    "REQUEST_BYTES",
+    "SESSIONS",
+    "TRANSFORMS",
+    "WAITING",
+]
 
 MESSAGE_BYTES = 512 * 2**20
 """Largest message: 33 million points of 16 bytes. Zenoh drops the link of who sends more, a reader refuses it."""
@@ -23,6 +32,12 @@ REQUEST_BYTES = 2**20
 
 REQUESTS_PER_SECOND = 5000.0
 """Requests on one key that are looked at; more are refused at once. A fast client on this host asks 2000 a second."""
+
+FRAMES = 4096
+"""Frames whose place a process keeps; a robot has some hundred. Others are left out, and the log says so."""
+
+TRANSFORMS = 2**14
+"""Times at which it remembers the place of a frame, of the last ten seconds: a thousand a second are many."""
 
 SESSIONS = 256
 """Processes that join one router."""
