@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import tracemalloc
 from typing import TYPE_CHECKING, Any
 
@@ -170,6 +172,22 @@ def test_a_file_cut_anywhere_is_read_as_far_as_its_chunks_go(tmp_path: Path, com
     assert ends[-1] == 40
     # Uncompressed chunks are read message by message, the others chunk by chunk.
     assert (len(set(ends)) > 20) == (compression == "")
+
+
+def test_a_disk_that_fails_at_the_end_leaves_the_chunks_that_are_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object) -> int:
+        raise OSError(errno.EIO, "Input/output error")
+
+    file = write(tmp_path / "a.mcap", finish=False)
+    with monkeypatch.context() as failing:
+        failing.setattr(os, "writev", fail)
+        with pytest.raises(OSError, match="Input/output"):
+            file.finish()
+    assert file.losses() == {}
+    with McapFile.open(tmp_path / "a.mcap") as read:
+        assert len(list(read.messages())) == 40
 
 
 def test_a_message_outside_of_chunks_that_is_too_short_is_left_out(tmp_path: Path) -> None:
