@@ -178,6 +178,8 @@ class FindObject:
                 if len(self._stages) > _STAGES:
                     self._stages.popitem(last=False)
                 self._came.notify_all()
+        with self._came:  # nobody need wait for another cloud
+            self._came.notify_all()
 
     def _read_transforms(self, reader: Reader[TransformList], static: bool) -> None:
         for transforms in reader:
@@ -217,9 +219,11 @@ class FindObject:
             raise UsageError(f"this finder reads camera {self._settings.camera}, not {asked.camera}")
         type_files.require_type_name(name)
         with self._came:
-            came = self._came.wait_for(lambda: self._age() <= self._settings.oldest, self._settings.oldest)
+            came = self._came.wait_for(
+                lambda: self._age() <= self._settings.oldest or self._stopping.is_set(), self._settings.oldest
+            )
             newest = self._newest
-        if not came or newest is None:
+        if not came or newest is None or self._stopping.is_set():
             raise UsageError(f"no cloud comes on {self._clouds.counter.key}: is the camera running?")
         cloud = newest[0]
         frame = asked.frame_id or self._buffer.root_of(cloud.header.frame_id)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import bisect
+import logging
 import threading
 from collections import deque
 from dataclasses import dataclass, field
@@ -10,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from zsight import limits
 from zsight.convert import matrix_of
 from zsight.errors import ZsightError
 from zsight_core.interpolation import interpolate
@@ -21,6 +23,8 @@ if TYPE_CHECKING:
     from zsight_protocol.geometry import TransformList
 
 __all__ = ["TransformBuffer", "TransformUnknown"]
+
+log = logging.getLogger(__name__)
 
 _WENT_BACK_NS = 5 * 10**9  # a transform this much older than the newest: a recording that is played went back
 _HISTORY_NS = 10 * 10**9  # how long a moving transform is remembered
@@ -47,9 +51,12 @@ class _Link:
                 self.times.pop()
                 self.matrices.pop()
         place = bisect.bisect_right(self.times, stamp_ns)
+        if place and self.times[place - 1] == stamp_ns:
+            self.matrices[place - 1] = T_parent_child
+            return
         self.times.insert(place, stamp_ns)
         self.matrices.insert(place, T_parent_child)
-        while self.times[-1] - self.times[0] > _HISTORY_NS:
+        while self.times[-1] - self.times[0] > _HISTORY_NS or len(self.times) > limits.TRANSFORMS:
             self.times.popleft()
             self.matrices.popleft()
 
@@ -80,10 +87,16 @@ class TransformBuffer:
         self._lock = threading.Lock()
 
     def put(self, transforms: TransformList, *, static: bool = False) -> None:
-        """Take in transforms; a static one holds for all times and replaces what was known of its child."""
+        """Take in transforms; a static one holds for all times and replaces what was known of its child.
+
+        Of two of the same time the later one counts. Frames beyond their greatest number are left out.
+        """
         with self._lock:
             for entry in transforms.transforms:
                 child, parent, T = entry.child_frame_id, entry.header.frame_id, matrix_of(entry.transform)
+                if child not in self._links and len(self._links) >= limits.FRAMES:
+                    log.warning("frame %s is left out: %d frames are known already", child, len(self._links))
+                    continue
                 if static:
                     self._links[child] = _Link(parent, static=T)
                     continue

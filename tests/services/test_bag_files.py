@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+import tracemalloc
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,7 +23,9 @@ from zsight.recording.conversion import convert
 from zsight.recording.mcap_copy import Part, copy
 from zsight.recording.mcap_file import McapFile
 from zsight.recording.opening import open_recording
+from zsight.recording.recorded_source import RecordedClouds
 from zsight.recording.recording_file import IN_FORCE, RecordingFile
+from zsight_core.errors import FileError
 from zsight_core.points import colours, xyz
 from zsight_protocol.errors import DecodeError
 from zsight_protocol.geometry import TransformList
@@ -29,6 +33,7 @@ from zsight_protocol.point_cloud import PointCloud2
 from zsight_protocol.ros_message import from_cdr
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
 
 STEP = 10_000_000
@@ -181,6 +186,21 @@ def assert_same(ours: Any, theirs: Any) -> None:
         assert ours.header.frame_id == theirs.header.frame_id
 
 
+def test_a_check_holds_some_chunks_of_a_recording_at_once_and_not_all(tmp_path: Path) -> None:
+    file = RecordingFile(tmp_path / "a.mcap", "cell", {})
+    for number in range(30):  # 1 MiB each
+        file.write(sample("cell/kinect/points", cloud(1, size=(100, 640)), START + number, sequence=number + 1))
+        file.mcap.close_chunk("zstd")
+    file.finish()
+    tracemalloc.start()
+    try:
+        assert check(tmp_path / "a.mcap")["sound"]
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak < 15 << 20
+
+
 DEPTH = np.tile(np.linspace(500, 1500, 8, dtype=np.uint16), (6, 1))
 COLOUR = np.random.default_rng(5).integers(0, 256, (6, 8, 3), dtype=np.uint8)
 
@@ -216,10 +236,11 @@ def write_ros1(path: Path) -> None:
             bag.write(connection, START + number, store.serialize_ros1(message, message.__msgtype__))
 
 
-def write_ros2(path: Path, storage: StoragePlugin) -> None:
+def write_ros2(path: Path, storage: StoragePlugin, change: Callable[[Any], Any] = lambda info: info) -> None:
     store = get_typestore(Stores.ROS2_JAZZY)
     with Bag2Writer(path, version=9, storage_plugin=storage) as bag:
-        for number, (topic, message) in enumerate(messages_of_a_camera(store, ros1=False)):
+        (calibrated, info), *images = messages_of_a_camera(store, ros1=False)
+        for number, (topic, message) in enumerate([(calibrated, change(info)), *images]):
             connection = bag.add_connection(topic, message.__msgtype__, typestore=store)
             bag.write(connection, START + number, store.serialize_cdr(message, message.__msgtype__))
 
@@ -253,6 +274,36 @@ def test_what_is_no_depth_image_is_refused_and_the_rest_goes_on(tmp_path: Path) 
     with pytest.raises(DecodeError, match="no message for"):
         played.load()
     recording.close()
+
+
+def larger(info: Any) -> Any:
+    return dataclasses.replace(info, width=16, height=12)
+
+
+def without_focal_length(info: Any) -> Any:
+    return dataclasses.replace(info, k=-info.k)
+
+
+@pytest.mark.parametrize(("change", "words"), [(larger, r"the camera's is \(12, 16\)"), (without_focal_length, "fx")])
+def test_a_depth_image_that_does_not_fit_its_calibration_is_refused_and_the_rest_goes_on(
+    tmp_path: Path, change: Callable[[Any], Any], words: str
+) -> None:
+    write_ros2(tmp_path / "a", StoragePlugin.SQLITE3, change)
+    with pytest.raises(DecodeError, match=words):
+        clouds_of(tmp_path / "a")
+    count, left = convert(tmp_path / "a", tmp_path / "b.mcap")
+    assert (count, left["/cam/depth/image"]) == (1, 1)
+    assert McapFile.open(tmp_path / "b.mcap").statistics.messages == 1
+    clouds = RecordedClouds.open(tmp_path / "a").clouds()
+    with pytest.raises(FileError, match=words):
+        next(clouds)
+    assert next(clouds, None) is None
+
+
+def test_a_calibration_that_tells_no_size_is_that_of_the_image(tmp_path: Path) -> None:
+    write_ros2(tmp_path / "a", StoragePlugin.SQLITE3, lambda info: dataclasses.replace(info, width=0, height=0))
+    (message,) = clouds_of(tmp_path / "a")
+    assert (message.height, message.width) == DEPTH.shape
 
 
 def test_what_is_no_recording_is_refused(tmp_path: Path) -> None:

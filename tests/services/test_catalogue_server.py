@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import threading
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from zsight.catalogue import server as catalogue_server
 from zsight.catalogue import type_files
 from zsight.catalogue.client import Catalog
 from zsight.catalogue.server import serve_catalogue
-from zsight.catalogue.type_files import load, read_type, shipped_folder
+from zsight.catalogue.type_files import load, mesh_beside, read_type, shipped_folder
 from zsight.errors import NobodyAnswers, RequestRefused, UsageError
 from zsight_core.model import Box, size_of
+from zsight_protocol.codec import encode
 from zsight_protocol.errors import ProtocolError
-from zsight_protocol.object_type import BoxShape, MeshShape, ObjectType, ShapeOf
+from zsight_protocol.object_type import BoxShape, CatalogAnswer, CatalogRequest, MeshShape, ObjectType, ShapeOf
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -123,6 +125,29 @@ def test_a_mesh_comes_along(catalog: Catalog, known: Catalogue, tmp_path: Path) 
         catalog.add(other, (shipped_folder() / "mug.stl").read_bytes())
 
 
+def test_a_mesh_that_is_refused_for_its_size_leaves_the_one_that_is_there(catalog: Catalog, tmp_path: Path) -> None:
+    bracket, mug = ((shipped_folder() / name).read_bytes() for name in ("l_bracket.stl", "mug.stl"))
+    part = ObjectType(name="part", shape=ShapeOf(mesh=MeshShape(file="part.stl")))
+    catalog.add(part, bracket)
+    large = ObjectType(name="part", shape=ShapeOf(mesh=MeshShape(file="part.stl", scale=1000)))
+    with pytest.raises(RequestRefused, match="m large with scale 1000"):
+        catalog.add(large, mug)
+    assert (tmp_path / "part.stl").read_bytes() == bracket
+    assert catalog.get("part") == part
+
+
+def test_a_former_version_keeps_its_mesh(catalog: Catalog, tmp_path: Path) -> None:
+    bracket, mug = ((shipped_folder() / name).read_bytes() for name in ("l_bracket.stl", "mug.stl"))
+    part = ObjectType(name="part", shape=ShapeOf(mesh=MeshShape(file="part.stl")))
+    catalog.add(part, bracket)
+    catalog.add(part, mug)
+    assert (tmp_path / "part.stl").read_bytes() == mug
+    former = tmp_path / "versions" / "part.1.yaml"
+    kind = read_type(former)
+    assert kind == catalog.get("part", version=1)
+    assert mesh_beside(kind, former) == bracket
+
+
 def test_types_may_change_while_others_read_them(known: Catalogue, tmp_path: Path) -> None:
     failures: list[Exception] = []
     ended = threading.Event()
@@ -206,6 +231,47 @@ def test_a_type_that_goes_while_all_are_looked_at_is_no_error(
     monkeypatch.setattr(type_files, "_model_of", slow)
     assert "tea_box" in [model.name for model in known.models()]
     assert "tea_box" not in [model.name for model in known.models()]
+
+
+def test_the_links_thread_waits_for_no_answer(
+    join_memory: Callable[[], Bus], known: Catalogue, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    server, client = join_memory(), join_memory()
+    going_on = threading.Event()
+    real = catalogue_server.answer
+
+    def slow(wanted: CatalogRequest, *rest: Any) -> CatalogAnswer:
+        assert wanted.action == "list" or going_on.wait(10)
+        return real(wanted, *rest)
+
+    monkeypatch.setattr(catalogue_server, "answer", slow)
+    serving = serve_catalogue(server, known, None)
+    request = encode(CatalogRequest(action="get", name="cube"))
+    replies = client.ask(client.cell.catalog("cube"), request, 10.0)  # in memory, the asker's is the link's thread
+    going_on.set()
+    assert replies.take(10.0) is not None
+    serving.close()
+
+
+def test_all_types_are_told_again_where_they_have_changed_and_only_there(
+    join_memory: Callable[[], Bus], known: Catalogue
+) -> None:
+    told: list[CatalogAnswer] = []
+    serving = serve_catalogue(join_memory(), known, None, tell=told.append)
+    catalog = Catalog(join_memory())
+    catalog.list()
+    catalog.get("cube")
+    for refused in (
+        lambda: catalog.remove("no_such_type"),
+        lambda: catalog.teach("thing"),
+        lambda: catalog.add(CRATE.model_copy(update={"code": 1000})),
+    ):
+        with pytest.raises(RequestRefused):
+            refused()
+    catalog.add(CRATE)
+    catalog.remove("crate")
+    serving.close()
+    assert [CRATE in types.types for types in told] == [False, True, False]
 
 
 def test_bad_bytes_are_answered(join_memory: Callable[[], Bus], known: Catalogue) -> None:

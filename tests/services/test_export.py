@@ -103,6 +103,19 @@ def test_depth_coded_clouds_are_played_and_exported_as_plain_ones(tmp_path: Path
             np.testing.assert_array_equal(colours(points_of(message)), colours(seen(number)))
 
 
+def test_a_calibration_that_makes_no_sense_ends_no_recording(tmp_path: Path) -> None:
+    info = camera_info(CAMERA, "eye")
+    turned = info.model_copy(update={"k": tuple(-number for number in info.k)})
+    message = cloud_from_points(seen(0), Time.from_ns(START + 1), "eye")
+    file = RecordingFile(tmp_path / "a.mcap", "cell", {}, DepthCoder())
+    file.write(sample("cell/kinect/camera_info", turned, START))
+    file.write(sample("cell/kinect/points", message, START + 1))
+    file.finish()
+    recording = open_recording(tmp_path / "a.mcap")
+    assert [played.load() for played in recording.messages(START, None, recording.lines)] == [turned, message]
+    recording.close()
+
+
 def test_what_cannot_be_exported_is_refused(recorded: Path, tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="expected one of pcd"):
         export(recorded, tmp_path / "x", "las")

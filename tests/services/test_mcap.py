@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+import errno
+import os
+import tracemalloc
 from typing import TYPE_CHECKING, Any
 
+import lz4.frame
 import pytest
+import zstandard
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 from tests.services.recordings import START, cloud, sample, transform
 
 from zsight.errors import UsageError
+from zsight.recording.compression import compressed, decompressed
 from zsight.recording.mcap_file import McapFile
-from zsight.recording.mcap_records import Attachment, Metadata
+from zsight.recording.mcap_records import Attachment, Metadata, Opcode, packed_record
 from zsight.recording.mcap_writer import McapWriter
 from zsight.recording.recording_file import LOSSES, RecordingFile
 from zsight_protocol.point_cloud import PointCloud2
@@ -168,6 +174,32 @@ def test_a_file_cut_anywhere_is_read_as_far_as_its_chunks_go(tmp_path: Path, com
     assert (len(set(ends)) > 20) == (compression == "")
 
 
+def test_a_disk_that_fails_at_the_end_leaves_the_chunks_that_are_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object) -> int:
+        raise OSError(errno.EIO, "Input/output error")
+
+    file = write(tmp_path / "a.mcap", finish=False)
+    with monkeypatch.context() as failing:
+        failing.setattr(os, "writev", fail)
+        with pytest.raises(OSError, match="Input/output"):
+            file.finish()
+    assert file.losses() == {}
+    with McapFile.open(tmp_path / "a.mcap") as read:
+        assert len(list(read.messages())) == 40
+
+
+def test_a_message_outside_of_chunks_that_is_too_short_is_left_out(tmp_path: Path) -> None:
+    file = write(tmp_path / "a.mcap", finish=False)
+    file.mcap.abandon()
+    with (tmp_path / "a.mcap").open("ab") as end:
+        end.write(packed_record(Opcode.MESSAGE, bytes(12)))
+    with McapFile.open(tmp_path / "a.mcap") as read:
+        assert len(list(read.messages())) == 40
+        assert "damaged" in read.damage
+
+
 def test_a_chunk_whose_bytes_have_changed_is_left_out(tmp_path: Path) -> None:
     file = write(tmp_path / "a.mcap", finish=False)
     file.mcap.abandon()
@@ -179,6 +211,36 @@ def test_a_chunk_whose_bytes_have_changed_is_left_out(tmp_path: Path) -> None:
         numbers = [(entry.log_time - START) // STEP for entry in read.messages()]
         assert "checksum" in read.damage
     assert numbers == [n for n in range(40) if n not in range(5, 10)]
+
+
+@pytest.mark.parametrize("compression", ["lz4", "zstd"])
+@pytest.mark.parametrize("told", [10, 65 << 20, 1 << 62])
+def test_a_chunk_takes_no_more_memory_than_it_declares_and_may(compression: str, told: int) -> None:
+    bomb = b"".join(compressed(compression, [bytes(64 << 20)], 64 << 20))
+    assert len(bomb) < 1 << 20
+    tracemalloc.start()
+    try:
+        with pytest.raises(ValueError, match=compression if told < 1 << 30 else "expected at most"):
+            decompressed(compression, memoryview(bomb), told)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak < 2 << 20 or told == 65 << 20
+
+
+@pytest.mark.parametrize("compression", ["lz4", "zstd"])
+def test_a_chunk_that_does_not_tell_its_size_or_is_cut_is_read_no_further_than_it_may(compression: str) -> None:
+    silent = {"lz4": lz4.frame.compress(bytes(64 << 20), store_size=False), "zstd": _zstd_without_size(bytes(64 << 20))}
+    stored = memoryview(silent[compression])
+    assert decompressed(compression, stored, 64 << 20) == bytes(64 << 20)
+    for wrong, told in ((stored, (64 << 20) - 1), (stored[:-4], 64 << 20), (stored[:0], 64 << 20)):
+        with pytest.raises(ValueError, match=compression):
+            decompressed(compression, wrong, told)
+
+
+def _zstd_without_size(data: bytes) -> bytes:
+    zstd = zstandard.ZstdCompressor().compressobj()
+    return zstd.compress(data) + zstd.flush()
 
 
 def test_losses_are_told_in_the_file(tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from zsight import limits
 from zsight.convert import stamped
 from zsight.transforms import TransformBuffer, TransformUnknown
 from zsight_core.transform import from_rpy, inverse
@@ -133,6 +134,37 @@ def test_the_past_is_forgotten_after_ten_seconds() -> None:
     assert buffer.lookup("world", "hand", 20 * SECOND)[0, 3] == 20.0
     with pytest.raises(TransformUnknown):
         buffer.lookup("world", "hand", 16 * SECOND)
+
+
+def test_the_later_one_of_two_of_the_same_time_counts_and_the_other_is_forgotten() -> None:
+    buffer = TransformBuffer()
+    for x in range(100):
+        buffer.put(at(1, x))
+        buffer.put(at(2, -x))
+    assert [buffer.lookup("world", "hand", second * SECOND)[0, 3] for second in (1, 2)] == [99.0, -99.0]
+    assert list(buffer._links["hand"].times) == [SECOND, 2 * SECOND]
+
+
+def test_so_many_times_are_remembered_and_no_more(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(limits, "TRANSFORMS", 3)
+    buffer = TransformBuffer()
+    for number in range(5):
+        buffer.put(at(number / 1000, number))
+    assert list(buffer._links["hand"].times) == [2_000_000, 3_000_000, 4_000_000]
+    assert buffer.lookup("world", "hand", 2_500_000)[0, 3] == pytest.approx(2.5)
+
+
+def test_so_many_frames_are_known_and_no_more(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(limits, "FRAMES", 2)
+    buffer = TransformBuffer()
+    for number in range(3):
+        buffer.put(at(0, number, child=f"f{number}"), static=bool(number % 2))
+    buffer.put(at(1, 7.0, child="f0"))
+    assert buffer.frames() == {"world", "f0", "f1"}
+    assert buffer.lookup("world", "f0")[0, 3] == 7.0
+    assert "frame f2 is left out: 2 frames are known already" in caplog.text
 
 
 def test_a_static_transform_holds_at_any_time() -> None:

@@ -7,7 +7,6 @@ busy at once. A result is kept for a while, so that the same goal asked again is
 from __future__ import annotations
 
 import logging
-import queue
 import threading
 import time
 from collections import deque
@@ -15,6 +14,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
 
 from zsight.action.status_board import StatusBoard
+from zsight.bus.request_queue import RequestQueue
 from zsight.errors import ConnectionLost, ZsightError
 from zsight_core.errors import Cancelled, CoreError
 from zsight_protocol.action import (
@@ -177,7 +177,7 @@ class ActionServer(Generic[Goal, Result]):
         self._goals: dict[str, GoalHandle[Goal, Result]] = {}
         self._waiting: deque[GoalHandle[Goal, Result]] = deque()
         self._ended: deque[tuple[float, str]] = deque()  # when, and which goal; the first that ended comes first
-        self._curious: queue.SimpleQueue[RawRequest | None] = queue.SimpleQueue()
+        self._curious = RequestQueue("results")
         self._running = 0
         self._changed = threading.Condition()
         self._closed = threading.Event()
@@ -191,13 +191,12 @@ class ActionServer(Generic[Goal, Result]):
         self._threads = [
             *self._workers,
             threading.Thread(target=self._end_late_goals, name="deadlines", daemon=True),
-            threading.Thread(target=self._tell_results, name="results", daemon=True),
         ]
         for thread in self._threads:
             thread.start()
         self._servers = [
             bus.serve(bus.cell.cancel(name), self._cancel_asked),
-            bus.serve(bus.cell.result(name), self._curious.put),
+            bus.serve(bus.cell.result(name), lambda request: self._curious.put(request, self._tell_results)),
             bus.serve(bus.cell.find_object(name), self._goal_asked),
             bus.serve(bus.cell.find_object(ANY_FINDER), self._goal_asked),
         ]
@@ -211,7 +210,7 @@ class ActionServer(Generic[Goal, Result]):
             for handle in self._goals.values():
                 handle.stopping.set()
             self._changed.notify_all()
-        self._curious.put(None)
+        self._curious.close()
         for thread in self._threads:
             thread.join()
         self._status.close()
@@ -305,11 +304,7 @@ class ActionServer(Generic[Goal, Result]):
 
     # Somebody asks for results that are kept: on a thread of its own, since they may be many.
 
-    def _tell_results(self) -> None:
-        while (request := self._curious.get()) is not None:
-            self._tell_results_to(request)
-
-    def _tell_results_to(self, request: RawRequest) -> None:
+    def _tell_results(self, request: RawRequest) -> None:
         try:
             wanted = decode(ResultRequest, request.payload).goal_id
         except ProtocolError as error:

@@ -4,22 +4,30 @@ from __future__ import annotations
 
 import logging
 import tempfile
-import threading
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from zsight.catalogue.type_files import REMOVED, Catalogue, read_type, require_type_name, write_type
+from zsight.bus.link import Closable
+from zsight.bus.request_queue import RequestQueue
+from zsight.catalogue.type_files import REMOVED, Catalogue, mesh_beside, read_type, require_type_name, write_type
 from zsight.convert import pose_of
 from zsight.errors import UsageError, ZsightError
 from zsight_core.atomic_file import atomic_file
 from zsight_core.errors import CoreError
-from zsight_core.mesh_file import read as read_mesh
 from zsight_core.model import Surface, size_of
 from zsight_protocol.codec import decode, encode
 from zsight_protocol.errors import ProtocolError
-from zsight_protocol.object_type import CatalogAnswer, CatalogRequest, Derived, StablePose, SymmetryAxis, Teaching
+from zsight_protocol.object_type import (
+    CatalogAnswer,
+    CatalogRequest,
+    Derived,
+    ShapeOf,
+    StablePose,
+    SymmetryAxis,
+    Teaching,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -27,9 +35,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from zsight.bus import Bus, RawRequest
-    from zsight.bus.link import Closable
     from zsight_protocol.geometry import Quaternion
-    from zsight_protocol.object_type import MeshShape, ObjectType
+    from zsight_protocol.object_type import ObjectType
 
 __all__ = ["answer", "serve_catalogue"]
 
@@ -52,9 +59,11 @@ def serve_catalogue(
         bus: of the process.
         catalogue: what is served.
         folder: of the types that were added.
-        teach: measures a thing for a type of this name; takes a second, and so is called on a thread of its own.
+        teach: measures a thing for a type of this name; takes a second, for which nothing else waits.
         tell: told all types, at once and after every change: for watchers and recorders.
     """
+    # Poses in which a type rests, meshes, and all types after a change take long for the link's thread.
+    requests, lessons = RequestQueue("catalogue"), RequestQueue("teaching")
 
     def changed() -> None:
         tell(answer(CatalogRequest(action="list"), catalogue, folder))
@@ -66,14 +75,26 @@ def serve_catalogue(
             _reply(request, CatalogAnswer(ok=False, message=str(error)))
             return
         if wanted.action == "teach":
-            threading.Thread(target=_reply_safely, args=(request, lambda: _taught(wanted, teach)), daemon=True).start()
+            lessons.put(request, lambda _: _reply_safely(request, lambda: _taught(wanted, teach)))
         else:
+            requests.put(request, lambda _: done(request, wanted))
+
+    def done(request: RawRequest, wanted: CatalogRequest) -> None:
+        before = catalogue.types
+        try:
             _reply_safely(request, lambda: answer(wanted, catalogue, folder))
-        if wanted.action not in ("list", "get"):
-            changed()
+        finally:  # whoever asked may have gone
+            if catalogue.types is not before:
+                changed()
 
     changed()
-    return bus.serve(bus.cell.catalog("*"), asked)
+    server = bus.serve(bus.cell.catalog("*"), asked)
+
+    def close() -> None:
+        for closed in (server, requests, lessons):
+            closed.close()
+
+    return Closable(close)
 
 
 def _reply_safely(request: RawRequest, work: Callable[[], CatalogAnswer]) -> None:
@@ -128,14 +149,16 @@ def _put(request: CatalogRequest, catalogue: Catalogue, folder: Path | None) -> 
             raise UsageError(f"number {kind.code} is that of {other.name}: choose another one")
     known = catalogue.types.get(kind.name)
     kind = kind.model_copy(update={"version": 1 + _last_version(kind.name, known, folder)})
-    if kind.shape.mesh is not None:
+    mesh = kind.shape.mesh
+    if mesh is not None:
         others = {other.shape.mesh.file for other in catalogue.types.values() if other.shape.mesh and other != known}
-        _keep_mesh(kind.shape.mesh, request.mesh, folder, others)
-    trial = Catalogue()
-    trial.add(kind, folder or Path())
-    trial.model(kind.name)  # a mesh that cannot be read is not taken in
+        _require_mesh(mesh.file, request.mesh, folder, others)
+    _require_model(kind, request.mesh, folder)
     if folder is not None:
         _archive(kind.name, folder)
+        if mesh is not None and request.mesh:
+            with atomic_file(folder / mesh.file, overwrite=True) as file:
+                file.write(request.mesh)
         write_type(kind, folder / f"{kind.name}.yaml", overwrite=True)
         (folder / f"{kind.name}{REMOVED}").unlink(missing_ok=True)
     catalogue.add(kind, folder or Path())
@@ -154,25 +177,30 @@ def _delete(kind: ObjectType, catalogue: Catalogue, folder: Path | None) -> Cata
     return CatalogAnswer(ok=True, message=f"removed {kind.name}")
 
 
-def _keep_mesh(shape: MeshShape, mesh: bytes, folder: Path | None, others: set[str]) -> None:
-    """Write a mesh that came along and can be read; a file that is another type's mesh is left alone."""
+def _require_mesh(name: str, mesh: bytes, folder: Path | None, others: set[str]) -> None:
+    """That a mesh file came along or is there, and would not take the place of another type's."""
     if folder is None:
         raise UsageError(
             "a type with a mesh needs a finder with a catalogue folder to keep it in: start it with --catalogue FOLDER"
         )
-    place = folder / shape.file
-    if not mesh:
-        if not place.is_file():
-            raise UsageError(f"mesh {shape.file} is not in the finder's catalogue folder, and none came along")
+    place = folder / name
+    if not mesh and not place.is_file():
+        raise UsageError(f"mesh {name} is not in the finder's catalogue folder, and none came along")
+    if mesh and name in others and place.is_file() and place.read_bytes() != mesh:
+        raise UsageError(f"another type's mesh is called {name}: rename this one")
+
+
+def _require_model(kind: ObjectType, mesh: bytes, folder: Path | None) -> None:
+    """That a type's mesh can be read and is of a likely size; one that came along is not in its place before it is."""
+    trial = Catalogue()
+    if kind.shape.mesh is None or not mesh:
+        trial.add(kind, folder or Path())
+        trial.model(kind.name)
         return
-    if place.is_file() and place.read_bytes() != mesh and shape.file in others:
-        raise UsageError(f"another type's mesh is called {shape.file}: rename this one")
     with tempfile.TemporaryDirectory() as aside:
-        trial = Path(aside) / shape.file
-        trial.write_bytes(mesh)
-        read_mesh(trial, shape.scale)
-    with atomic_file(place, overwrite=True) as file:
-        file.write(mesh)
+        (Path(aside) / kind.shape.mesh.file).write_bytes(mesh)
+        trial.add(kind, Path(aside))
+        trial.model(kind.name)
 
 
 def _versions(name: str, folder: Path) -> dict[int, Path]:
@@ -187,12 +215,21 @@ def _last_version(name: str, known: ObjectType | None, folder: Path | None) -> i
 
 
 def _archive(name: str, folder: Path) -> None:
-    """Keep the file of a type as a former version."""
+    """Keep the file of a type as a former version, and beside it its mesh, which the next one may replace."""
     path = folder / f"{name}.yaml"
-    if path.is_file():
-        former = read_type(path)
-        (folder / VERSIONS).mkdir(exist_ok=True)
-        write_type(former, folder / VERSIONS / f"{name}.{former.version}.yaml", overwrite=True)
+    if not path.is_file():
+        return
+    former = read_type(path)
+    kept = folder / VERSIONS / f"{name}.{former.version}.yaml"
+    kept.parent.mkdir(exist_ok=True)
+    mesh = mesh_beside(former, path)
+    if former.shape.mesh is not None and mesh:
+        own = f"{name}.{former.version}{Path(former.shape.mesh.file).suffix}"
+        shape = ShapeOf(mesh=former.shape.mesh.model_copy(update={"file": own}))
+        former = former.model_copy(update={"shape": shape})
+        with atomic_file(kept.with_name(own), overwrite=True) as file:
+            file.write(mesh)
+    write_type(former, kept, overwrite=True)
 
 
 def _former(kind: ObjectType, version: int, folder: Path | None) -> ObjectType:

@@ -53,7 +53,6 @@ class BagRecording:
         self.skipped: dict[str, int] = {}
         self.start_ns, self.end_ns = self._reader.start_time, self._reader.end_time
         self._connections: dict[int, Connection] = {}
-        self._line_of: dict[tuple[int, str], Line] = {}
         self.lines: list[Line] = []
         for number, connection in enumerate(self._reader.connections):
             self._add(number, connection)
@@ -66,7 +65,6 @@ class BagRecording:
             return
         self.lines.append(line)
         self._connections[number] = connection
-        self._line_of[id(connection), connection.topic] = line
 
     def messages(self, start: int, end: int | None, lines: Collection[Line]) -> Iterator[Played]:
         """Messages of some lines from start up to and without end, in their order."""

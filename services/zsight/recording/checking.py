@@ -11,6 +11,7 @@ from zsight.recording.recording_file import IN_FORCE, LOSSES
 from zsight_protocol.errors import ProtocolError
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
     from pathlib import Path
 
     from zsight.recording.mcap_file import Entry
@@ -38,7 +39,7 @@ def check(path: Path) -> dict[str, Any]:
         if (found.messages, found.by_channel) != (promised.messages, _without_none(promised.by_channel)):
             errors.append(f"the index promises {promised.messages} messages; the chunks hold {found.messages}")
         errors += _wrong_chunks(file)
-        gaps = _gaps(list(file.messages()))
+        gaps = _gaps(file.messages())
         told = {m.name: m.entries for m in file.metadata}.get(LOSSES, {})
     errors += _refused(path) if found.messages else []
     return {
@@ -65,7 +66,7 @@ def _wrong_chunks(file: McapFile) -> list[str]:
     return wrong[:_MOST]
 
 
-def _gaps(entries: list[Entry]) -> dict[str, int]:
+def _gaps(entries: Iterable[Entry]) -> dict[str, int]:
     """Messages by topic that their writer sent and that are missing between those that are there."""
     last: dict[int, int] = {}
     missing: Counter[str] = Counter()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING
 
+from zsight import limits
 from zsight.errors import UsageError
 
 if TYPE_CHECKING:
@@ -47,24 +48,31 @@ def compressed(name: str, parts: Sequence[Buffer], size: int) -> list[Buffer]:
 
 
 def decompressed(name: str, stored: memoryview, size: int) -> memoryview:
-    """A chunk's bytes.
+    """A chunk's bytes, of which there are to be as many as it declares: whatever it holds, it takes no more memory.
 
     Raises:
-        ValueError: they are damaged, or the compression is not known.
+        ValueError: they are damaged, more or fewer than declared, or too many, or the compression is not known.
     """
     if name == "":
         return stored
+    if size > limits.CHUNK_BYTES:
+        raise ValueError(f"a chunk of {size} bytes; expected at most {limits.CHUNK_BYTES}")
     if name == "lz4":
-        from lz4.frame import decompress
+        from lz4.frame import create_decompression_context, decompress_chunk
 
         try:
-            return memoryview(decompress(stored))
-        except (RuntimeError, EOFError) as error:
+            unpacked, _, is_whole = decompress_chunk(create_decompression_context(), stored, max_length=size + 1)
+        except RuntimeError as error:
             raise ValueError(f"lz4: {error}") from None
+        if not is_whole or len(unpacked) != size:
+            raise ValueError(f"lz4: no frame of the {size} bytes that are declared")
+        return memoryview(unpacked)
     if name == "zstd":
-        from zstandard import ZstdDecompressor, ZstdError
+        from zstandard import ZstdDecompressor, ZstdError, frame_content_size
 
         try:
+            if frame_content_size(stored) not in (-1, size):
+                raise ValueError(f"zstd: no frame of the {size} bytes that are declared")
             return memoryview(ZstdDecompressor().decompress(stored, max_output_size=size))
         except ZstdError as error:
             raise ValueError(f"zstd: {error}") from None

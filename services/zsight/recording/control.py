@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import logging
-import threading
 from typing import TYPE_CHECKING, Generic, TypeVar
 
+from zsight.bus.request_queue import RequestQueue
 from zsight.errors import ZsightError
 from zsight_protocol.codec import decode, encode
 from zsight_protocol.errors import ProtocolError
@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 __all__ = ["Control"]
 
 log = logging.getLogger(__name__)
+
+_AT_ONCE = 4  # requests: how it stands is told while a file is opened or closed
 
 Request = TypeVar("Request", bound=Message)
 State = TypeVar("State", bound=Message)
@@ -51,10 +53,12 @@ class Control(Generic[Request, State]):
         self._state = state
         self._status = bus.writer(*told)
         self._server: Closable | None = None
+        # Opening, seeking and closing wait for files.
+        self._requests = RequestQueue("request", threads=_AT_ONCE)
 
     def serve(self) -> None:
         """Begin to answer; what is asked may come at once."""
-        self._server = self._bus.serve(self._key, self._asked)
+        self._server = self._bus.serve(self._key, lambda request: self._requests.put(request, self._answer))
 
     def tell(self) -> None:
         """Tell everybody how it stands."""
@@ -67,10 +71,7 @@ class Control(Generic[Request, State]):
         """Answer no more."""
         if self._server is not None:
             self._server.close()
-
-    def _asked(self, request: RawRequest) -> None:
-        # Opening, seeking and closing wait for files, and this is the link's own thread.
-        threading.Thread(target=self._answer, args=(request,), name="request", daemon=True).start()
+        self._requests.close()
 
     def _answer(self, request: RawRequest) -> None:
         try:

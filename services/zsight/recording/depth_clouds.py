@@ -99,6 +99,7 @@ class DepthClouds:
     def _cloud(self, images: _Images, played: Played) -> Message:
         from zsight.convert import cloud_from_points
         from zsight_core import depth_image
+        from zsight_core.errors import CoreError
         from zsight_core.pinhole import Pinhole
 
         depth = played.load()
@@ -110,11 +111,15 @@ class DepthClouds:
             raise DecodeError(f"no calibration came before the depth image of {played.line.source}")
         pixels, scale = depth_metres(depth)
         height, width = pixels.shape
-        pinhole = Pinhole(width, height, info.k[0], info.k[4], info.k[2], info.k[5])
         colour = self._colour(images, played.log_time)
         if colour is not None and colour.shape[:2] != pixels.shape:
             colour = None
-        points = depth_image.to_points(pixels, pinhole, depth_scale=scale, colour=colour)
+        size = info.width or width, info.height or height  # some calibrations do not say
+        try:
+            pinhole = Pinhole(*size, info.k[0], info.k[4], info.k[2], info.k[5])
+            points = depth_image.to_points(pixels, pinhole, depth_scale=scale, colour=colour)
+        except CoreError as error:
+            raise DecodeError(str(error)) from None
         return cloud_from_points(points, depth.header.stamp, depth.header.frame_id)
 
     def _colour(self, images: _Images, time: int) -> NDArray[np.uint8] | None:

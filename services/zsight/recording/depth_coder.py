@@ -80,7 +80,7 @@ def decoded(coded: DepthCodedCloud) -> PointCloud2:
 
 def _pinhole(info: CameraInfo) -> Pinhole | None:
     """The camera of a calibration; none where it is not calibrated, or its lens distorts."""
-    if not info.k[0] or not info.k[4] or any(info.d) or not info.width or not info.height:
+    if info.k[0] <= 0 or info.k[4] <= 0 or any(info.d) or not info.width or not info.height:
         return None
     return Pinhole(info.width, info.height, info.k[0], info.k[4], info.k[2], info.k[5])
 

@@ -18,7 +18,7 @@ from zsight.recording.recording_file import RecordingFile, row_of
 from zsight_protocol.channels import Delivery
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
     from pathlib import Path
 
     from zsight.recording.sample import Sample
@@ -69,7 +69,7 @@ class DiskWriter:
         policy: DiskPolicy,
         *,
         in_force: list[Sample],
-        begin_ns: int | None = None,
+        kept: Sequence[Sample] = (),
         coded: Callable[[str, Message], Message] = lambda _, message: message,
     ) -> None:
         """Create the first file and start writing.
@@ -80,7 +80,7 @@ class DiskWriter:
             about: what the file says of the recording.
             policy: layout on the disk.
             in_force: latched messages that came before; every file begins with those in force then.
-            begin_ns: when the first message came that is to be written; now, if not given.
+            kept: messages that came before and are written first, all of them, however little may wait.
             coded: what is written in place of a message.
 
         Raises:
@@ -104,13 +104,14 @@ class DiskWriter:
         self._unwritten: Counter[str] = Counter()  # not yet told to a file
         self._written_before = 0
         self._rate = Rate()
-        self._queue: deque[Sample] = deque()
-        self._waiting = 0
+        self._queue = deque(kept)
+        self._waiting = sum(len(sample.payload) for sample in kept)
+        self._room = policy.memory + self._waiting  # what was kept takes none from what comes
         self._changed = threading.Condition()
         self._stopping = False
         self._last_ns = 0
         self._to_sync: tuple[RecordingFile, int] | None = None
-        self._file: RecordingFile | None = self._open(time.time_ns() if begin_ns is None else begin_ns)
+        self._file: RecordingFile | None = self._open(kept[0].received_ns if kept else time.time_ns())
         self._thread = threading.Thread(target=self._run, name="disk", daemon=True)
         self._sync_thread = threading.Thread(target=self._sync, name="sync", daemon=True)
         self._thread.start()
@@ -121,7 +122,7 @@ class DiskWriter:
     def put(self, sample: Sample) -> None:
         """Take a message over; returns at once."""
         with self._changed:
-            if self.full or self.ended or self._waiting + len(sample.payload) > self._policy.memory:
+            if self.full or self.ended or self._waiting + len(sample.payload) > self._room:
                 self._unwritten[sample.key] += 1
                 return
             self._waiting += len(sample.payload)
@@ -220,11 +221,11 @@ class DiskWriter:
 
     def _write(self, sample: Sample) -> None:
         file = self._file
-        if file is None:
-            with self._changed:
-                self._waiting -= len(sample.payload)
+        with self._changed:
+            self._waiting -= len(sample.payload)
+            if file is None:
                 self._unwritten[sample.key] += 1
-            return
+                return
         row = row_of(sample.key, self._namespace)
         if row is not None and row.delivery is Delivery.LATCHED:
             self._in_force[sample.key, sample.writer] = sample
@@ -233,9 +234,8 @@ class DiskWriter:
         except OSError as error:  # a new channel is written at once
             file.lose(sample.key)
             self._stop_for(error)
-            is_full = False
+            return
         with self._changed:
-            self._waiting -= len(sample.payload)
             self.messages += 1
             self.bytes_in += len(sample.payload)
         self._last_ns = sample.received_ns
@@ -253,7 +253,7 @@ class DiskWriter:
                 f"{free >> 20} MiB are left on the disk, of which {self._policy.reserve >> 20} are kept free"
             )
             return
-        compression = self.choice.next(self.bytes_per_second, self._waiting / self._policy.memory)
+        compression = self.choice.next(self.bytes_per_second, self._waiting / self._room)
         begun = time.perf_counter()
         try:
             file.mcap.close_chunk(compression)
@@ -312,8 +312,12 @@ class DiskWriter:
 
     def _open(self, begin_ns: int) -> RecordingFile:
         file = RecordingFile(self.series.next(), self._namespace, self._about, self._coded)
-        file.begin_with(sorted(self._in_force.values(), key=lambda s: s.received_ns), begin_ns)
-        self.series.drop_old()
+        try:
+            file.begin_with(sorted(self._in_force.values(), key=lambda s: s.received_ns), begin_ns)
+        except OSError:
+            file.mcap.discard()
+            raise
+        self.series.begun(file.path)
         self._last_ns = begin_ns
         return file
 
@@ -326,16 +330,22 @@ class DiskWriter:
             unwritten, self._unwritten = self._unwritten, Counter()
         for key, count in unwritten.items():
             file.lose(key, count)
+        told = sum(file.losses().values())
         compression = self.choice.next(self.bytes_per_second, 0.0)
+        is_whole = True
         try:
-            losses = file.finish(compression)
+            file.finish(compression)
         except OSError as error:
             log.error("%s has no index (%s): zsight bag recover mends it", file.path, error.strerror or error)
-            losses = file.losses()
+            is_whole = False
+        losses = file.losses()
+        taken_back = sum(losses.values()) - told  # written, as it seemed, in chunks for which there was no room
         with self._changed:
             self._losses.update(losses)
+            self.messages -= taken_back
             self._written_before += file.mcap.size
-            self.safe_ns = max(self.safe_ns, self._last_ns)
+            if is_whole and not taken_back:
+                self.safe_ns = max(self.safe_ns, self._last_ns)
 
     # On the other thread.
 

@@ -30,7 +30,10 @@ class Split:
 
 @dataclass
 class FileSeries:
-    """Names of the files: ``name.mcap``, or ``name_0.mcap``, ``name_1.mcap`` and so on where the recording is split."""
+    """Names of the files: ``name.mcap``, or ``name_0.mcap``, ``name_1.mcap`` and so on where the recording is split.
+
+    ``files`` are those that were begun and are still there, oldest first.
+    """
 
     path: Path
     split: Split
@@ -38,7 +41,7 @@ class FileSeries:
     _count: int = 0
 
     def next(self) -> Path:
-        """The path of the next file.
+        """The path of the next file; the same again until that was begun.
 
         Raises:
             UsageError: there is no folder to put it in.
@@ -46,10 +49,14 @@ class FileSeries:
         if not self.path.parent.is_dir():
             raise UsageError(f"there is no folder {self.path.parent}: make it first")
         numbered = self.split.is_on or self._count
-        path = self.path.with_name(f"{self.path.stem}_{self._count}{self.path.suffix}") if numbered else self.path
+        return self.path.with_name(f"{self.path.stem}_{self._count}{self.path.suffix}") if numbered else self.path
+
+    def begun(self, path: Path) -> None:
+        """The next file is there: it counts, and the oldest go where only some are kept."""
         self._count += 1
         self.files.append(path)
-        return path
+        while self.split.keep and len(self.files) > self.split.keep:
+            self.drop_oldest()
 
     def is_due(self, size: int, begun: float) -> bool:
         """Whether a file of so many bytes, begun at that time (monotonic), is to be followed by another."""
@@ -57,11 +64,6 @@ class FileSeries:
             (self.split.bytes and size >= self.split.bytes)
             or (self.split.seconds and time.monotonic() - begun >= self.split.seconds)
         )
-
-    def drop_old(self) -> None:
-        """Remove the oldest files where only some are kept."""
-        while self.split.keep and len(self.files) > self.split.keep:
-            self.drop_oldest()
 
     def drop_oldest(self) -> bool:
         """Remove the oldest file but the last; false where there is none."""

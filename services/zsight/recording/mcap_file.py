@@ -208,7 +208,7 @@ class McapFile:
         self.schemas, self.channels, self.chunks = {}, {}, []
         self.metadata, self.attachments, self.statistics = [], [], Statistics()
         end, finished = len(MAGIC), False
-        loose: list[tuple[int, int]] = []
+        loose: list[Chunk] = []
         for opcode, body, place in self._records(len(MAGIC), len(self._view)):
             try:
                 if opcode == Opcode.HEADER:
@@ -216,7 +216,8 @@ class McapFile:
                 elif opcode == Opcode.CHUNK:
                     self._take_chunk(body, place)
                 elif opcode == Opcode.MESSAGE:
-                    loose.append((place, len(body)))
+                    _, _, time, _ = struct.unpack_from("<HIQQ", body)
+                    loose.append(Chunk(time, time, place, _RECORD.size + len(body), "", loose=True))
                 elif opcode == Opcode.DATA_END:
                     finished = True
                 else:
@@ -224,9 +225,7 @@ class McapFile:
             except (ValueError, struct.error) as error:
                 self.damage = f"the record at byte {place} is damaged: {error}"
             end = place + _RECORD.size + len(body)
-        for place, length in loose:
-            (time,) = struct.unpack_from("<Q", self._view, place + _RECORD.size + 6)
-            self.chunks.append(Chunk(time, time, place, _RECORD.size + length, "", loose=True))
+        self.chunks += loose
         if not finished:
             self._take_torn(end)
         self._count()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import struct
 from typing import TYPE_CHECKING
@@ -36,6 +37,7 @@ __all__ = ["McapWriter"]
 _CHUNK_BYTES = 4 << 20  # a chunk with this much in it is closed
 _APART = 64 << 10  # bytes from which on a part is not copied into its neighbours
 _MOST_PARTS = 512  # parts that one call of the system writes; Linux takes up to 1024
+_NO_ROOM = (errno.ENOSPC, errno.EDQUOT)
 _MOST_CHANNELS = 65000  # the number of a channel has 16 bits
 
 
@@ -77,8 +79,7 @@ class McapWriter:
         try:
             self._append([MAGIC + packed_record(Opcode.HEADER, packed_text("ros2") + packed_text(library))])
         except OSError:
-            os.close(self._file)
-            path.unlink(missing_ok=True)
+            self.discard()
             raise
 
     def schema(self, name: str, encoding: str, data: bytes) -> int:
@@ -188,8 +189,8 @@ class McapWriter:
                 try:
                     self._append([self._end(closing)])
                     break
-                except OSError:
-                    if not self._indexes:
+                except OSError as error:
+                    if not self._indexes or error.errno not in _NO_ROOM:
                         raise
                     self._give_up_last_chunk()
             if sync:
@@ -210,6 +211,11 @@ class McapWriter:
     def abandon(self) -> None:
         """Close the file as it is, without a summary."""
         os.close(self._file)
+
+    def discard(self) -> None:
+        """Close the file, and remove it."""
+        self.abandon()
+        self.path.unlink(missing_ok=True)
 
     def _give_up_last_chunk(self) -> None:
         last = self._indexes.pop()

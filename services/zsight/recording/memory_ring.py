@@ -36,7 +36,10 @@ class MemoryRing:
             return 0.0
         return (self._samples[-1].received_ns - self._samples[0].received_ns) / 1e9
 
-    def take(self) -> list[Sample]:
-        """All samples, oldest first; none is left."""
-        taken, self._samples, self._size = list(self._samples), deque(), 0
-        return taken
+    def samples(self) -> list[Sample]:
+        """All samples, oldest first."""
+        return list(self._samples)
+
+    def clear(self) -> None:
+        """Forget all of them."""
+        self._samples, self._size = deque(), 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -52,11 +53,10 @@ class RecordedClouds:
             known = ", ".join(sorted({line.key for line in lines})) or "none"
             raise UsageError(f"{path} has no clouds{f' on {key}' if key else ''}; keys with clouds: {known}")
         line = max(wanted, key=lambda candidate: (candidate.key.endswith("/points"), candidate.count))
-        first = next(iter(recording.messages(recording.start_ns, None, [line]))).load()
-        frame = first.header.frame_id if isinstance(first, PointCloud2) else ""
         span = (recording.end_ns - recording.start_ns) / 1e9
         rate = min(max((line.count - 1) / span, _RATES[0]), _RATES[1]) if span > 0 and line.count > 1 else 1.0
         camera = line.key.partition("/")[0]
+        frame = _frame(recording, line)
         return cls(path, frame, rate, _transforms(recording), _info(recording, camera), recording, line)
 
     def clouds(self) -> Iterator[Points]:
@@ -83,6 +83,15 @@ class _Clouds:
         if not isinstance(cloud, PointCloud2):
             raise FileError(self._path, f"a message on {played.line.source} is no cloud")
         return points_of(cloud)
+
+
+def _frame(recording: Recorded, line: Line) -> str:
+    """The frame of the first cloud that can be read; empty where none can."""
+    for played in recording.messages(recording.start_ns, None, [line]):
+        with suppress(ProtocolError):
+            cloud = played.load()
+            return cloud.header.frame_id if isinstance(cloud, PointCloud2) else ""
+    return ""
 
 
 def _transforms(recording: Recorded) -> TransformList | None:

@@ -21,6 +21,7 @@ from zsight.recording.memory_ring import MemoryRing
 from zsight.recording.recording_file import row_of
 from zsight.settings import Live
 from zsight.settings import Settings as ServiceSettings
+from zsight_protocol.action import Update
 from zsight_protocol.channels import Delivery
 from zsight_protocol.codec import decode
 from zsight_protocol.errors import ProtocolError
@@ -31,7 +32,7 @@ from zsight_protocol.recording import KeyLoss, RecorderRequest, RecorderState, R
 if TYPE_CHECKING:
     from zsight.bus import Bus
     from zsight.recording.sample import Sample
-    from zsight_protocol.action import Update
+    from zsight_protocol.channels import Channel
 
 __all__ = ["Recorder", "Settings", "run"]
 
@@ -176,7 +177,6 @@ class Recorder:
         if place.suffix != ".mcap":
             place = place.with_name(place.name + ".mcap")
         about = {"recorder": self._settings.name, "keys": " ".join(choice.expressions)}
-        kept = self._ring.take() if self._ring is not None else []
         try:
             self._disk = DiskWriter(
                 place,
@@ -184,15 +184,14 @@ class Recorder:
                 about,
                 _policy(self._settings),
                 in_force=list(self._in_force.values()),
+                kept=[] if self._ring is None else self._ring.samples(),
                 coded=DepthCoder() if self._settings.depth_coded else lambda _, message: message,
-                begin_ns=kept[0].received_ns if kept else None,
             )
         except OSError as error:
             raise UsageError(f"{place} cannot be written: {error.strerror or error}") from None
         if self._ring is not None:
+            self._ring.clear()
             self._ends = time.monotonic() + self._settings.after
-        for sample in kept:
-            self._disk.put(sample)
 
     def _read(self, choice: KeyChoice) -> None:
         self._capture = Capture(self._bus, choice, self._arrived, self._lost)
@@ -208,7 +207,7 @@ class Recorder:
             row = row_of(sample.key, self._bus.cell.namespace)
             if row is not None and row.delivery is Delivery.LATCHED:
                 self._in_force[sample.key, sample.writer] = sample
-            if self._ring is not None and self._triggers(sample):
+            if self._ring is not None and self._triggers(sample, row):
                 self._trigger = sample.key
 
     def _lost(self, key: str, count: int) -> None:
@@ -216,14 +215,14 @@ class Recorder:
             if self._disk is not None:
                 self._disk.lose(key, count)
 
-    def _triggers(self, sample: Sample) -> bool:
+    def _triggers(self, sample: Sample, row: Channel | None) -> bool:
         if self._settings.trigger_key and matches(self._settings.trigger_key, sample.key):
             return True
-        if not self._settings.trigger_failed_find or not sample.key.endswith("/feedback"):
+        answers = Update[FindObjectResult]
+        if not self._settings.trigger_failed_find or row is None or row.message is not answers:
             return False
-        row = row_of(sample.key, self._bus.cell.namespace)
         try:
-            update: Update[FindObjectResult] = decode(row.message, sample.payload)  # type: ignore[union-attr,arg-type]  # that row's
+            update = decode(answers, sample.payload)
         except ProtocolError:
             return False
         return update.final and (update.result is None or update.result.code is not ResultCode.FOUND)

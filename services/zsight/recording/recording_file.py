@@ -81,8 +81,13 @@ class RecordingFile:
         self._rows: dict[str, Channel | None] = {}
         self._came: Counter[str] = Counter()
         self._lost: Counter[str] = Counter()
+        self._missing: dict[str, int] | None = None  # what is lost in the end
         versions = {"version": version, "python": platform.python_version(), "platform": platform.platform()}
-        self.mcap.add_metadata(Metadata(ABOUT, {"namespace": namespace, **versions, **about}))
+        try:
+            self.mcap.add_metadata(Metadata(ABOUT, {"namespace": namespace, **versions, **about}))
+        except OSError:
+            self.mcap.discard()
+            raise
 
     def begin_with(self, samples: Iterable[Sample], begin_ns: int) -> None:
         """Write what was in force before the first message, with the time at which the file begins."""
@@ -101,7 +106,8 @@ class RecordingFile:
         row = self._row(sample.key)
         kind, parts = self._encoded(sample, row)
         channel = self._channel(sample, row, kind, in_force=in_force)
-        self._came[sample.key] += 1
+        if not in_force:  # what came before is in the file before, or was not asked for
+            self._came[sample.key] += 1
         sent, sequence = log_time, 0
         if sample.attachment is not None:
             sent, sequence = sample.attachment.sent_ns, sample.attachment.sequence
@@ -140,11 +146,14 @@ class RecordingFile:
             encoding = "msgpack" if kind is None else "cdr"
             number = self.mcap.channel(topic_of(sample.key), schema, encoding, entries)
             self._channels[key] = number
-            self._key_of_channel[number] = sample.key
+            if not in_force:
+                self._key_of_channel[number] = sample.key
         return self._channels[key]
 
     def losses(self) -> dict[str, int]:
-        """Messages by key that came and are not in the file, as far as is known before it is closed."""
+        """Messages by key that came and are not in the file; before it is closed, as far as is known."""
+        if self._missing is not None:
+            return self._missing
         return {key: count for key, count in sorted(self._lost.items()) if count}
 
     def finish(self, compression: str = "") -> dict[str, int]:
@@ -153,20 +162,18 @@ class RecordingFile:
         Raises:
             OSError: the system refuses to write even the index; the file can be recovered.
         """
-        losses: dict[str, int] = {}
 
         def closing(statistics: Statistics) -> Metadata:
             written: Counter[str] = Counter()
-            for channel, count in statistics.by_channel.items():
-                written[self._key_of_channel[channel]] += count
+            for channel, key in self._key_of_channel.items():
+                written[key] += statistics.by_channel.get(channel, 0)
             missing = {key: count - written[key] + self._lost[key] for key, count in self._came.items()}
             missing |= {key: count for key, count in self._lost.items() if key not in self._came}
-            losses.clear()
-            losses.update({key: count for key, count in sorted(missing.items()) if count})
-            return Metadata(LOSSES, {key: str(count) for key, count in losses.items()})
+            self._missing = {key: count for key, count in sorted(missing.items()) if count}
+            return Metadata(LOSSES, {key: str(count) for key, count in self._missing.items()})
 
         self.mcap.finish(compression, closing)
-        return losses
+        return self.losses()
 
 
 _FOREVER = {"sec": 9223372036, "nsec": 854775807}
