@@ -59,17 +59,18 @@ def _candidate(candidate: dict[str, Any]) -> str:
 
 def _hints(result: FindObjectResult, report: dict[str, Any], rejected: list[dict[str, Any]]) -> list[str]:
     """What the user can do."""
-    if "points" not in report:
+    if "points" not in report or result.message:  # which says what to do
         return []
     if not report.get("supports"):
         return ["no support surface was found: does the camera see the table? Its pose: zsight calibrate level"]
     if not report.get("segments"):
         return ["nothing stands on the surfaces that are seen"]
     best = rejected[0] if rejected else None
+    absent = [f"the probability of absence is {result.p_absent:.2f}"] if result.p_absent else []
     if best is None:
-        return [f"nothing of its size is there; the probability of absence is {result.p_absent:.2f}"]
+        return ["; ".join(["nothing of its size was seen", *absent])]
     if best["visible"] < 0.5:
         return ["most of it would be hidden or outside the image: move the camera, or what stands in front"]
     if best["outline"] < 0.5:
         return ["its outline does not fit: is the size in the catalogue right? See: zsight catalog show TYPE"]
-    return [f"the probability of absence is {result.p_absent:.2f}"]
+    return absent

@@ -32,9 +32,7 @@ from zsight_core import level
 from zsight_core import scene as scene_core
 from zsight_core.errors import Cancelled, CoreError
 from zsight_core.find import Answer
-from zsight_core.points import xyz
 from zsight_core.scene_limits import SceneLimits
-from zsight_core.transform import transform_xyz
 from zsight_protocol.find_object import ANY_TYPE, Capture, FindObjectGoal, FindObjectResult, ResultCode, Status
 from zsight_protocol.geometry import TransformList
 from zsight_protocol.message import Header, Time
@@ -49,7 +47,6 @@ if TYPE_CHECKING:
     from zsight.bus import Bus, Reader
     from zsight.catalogue.type_files import Catalogue
     from zsight_core.find import Detection
-    from zsight_protocol.geometry import Region
 
 __all__ = ["FindObject", "Settings", "run"]
 
@@ -355,8 +352,8 @@ class FindObject:
             raise
         self._scenes.tell(scene, answer.explained)
         result = result_of(answer)
-        if not result.objects and goal.region is not None and not _reaches(goal.region, cloud, T_frame_camera):
-            result = _not_seen(result, goal.region, frame)
+        if not result.objects and goal.region is not None:
+            result = finding.of_region(result, goal.region, points_of(cloud), T_frame_camera)
         return self._with_circumstances(result, handle, cloud, waited)
 
     def _ids(self, answer: Answer, cloud: PointCloud2) -> list[str]:
@@ -494,15 +491,3 @@ class FindObject:
             finder=self._settings.name,
             deadline_passed=deadline_passed,
         )
-
-
-def _reaches(region: Region, cloud: PointCloud2, T_frame_camera: NDArray[np.float64]) -> bool:
-    """Whether any point of the cloud lies in a region of the frame of the answer."""
-    points = transform_xyz(T_frame_camera, xyz(points_of(cloud)).reshape(-1, 3))
-    return bool(((points >= region.low) & (points <= region.high)).all(axis=1).any())
-
-
-def _not_seen(result: FindObjectResult, region: Region, frame: str) -> FindObjectResult:
-    """Of a region in which nothing was measured nobody knows what it holds."""
-    words = f"nothing was measured between {region.low} and {region.high} of {frame}: is it in view, and in that frame?"
-    return result.model_copy(update={"status": Status.CANNOT_TELL, "message": words, "p_absent": 0.0})

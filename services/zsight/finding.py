@@ -10,6 +10,7 @@ import numpy as np
 from zsight.convert import pose_of, vector
 from zsight.errors import UsageError
 from zsight.verifiers import verified
+from zsight_core.points import xyz
 from zsight_core.transform import inverse, transform_xyz
 from zsight_protocol.find_object import (
     ANY_TYPE,
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
     from zsight_protocol.geometry import Region
     from zsight_protocol.message import Time
 
-__all__ = ["Extrinsic", "find", "height_in_world", "result_of", "with_extrinsic"]
+__all__ = ["Extrinsic", "find", "height_in_world", "of_region", "result_of", "with_extrinsic"]
 
 _UPRIGHT = np.cos(np.radians(1))  # beyond this a height along the z of a frame is another one at each place
 
@@ -160,6 +161,25 @@ def result_of(
         report=report,
         timings_ms=timings,
     )
+
+
+def of_region(
+    result: FindObjectResult, region: Region, points: Points, T_frame_camera: NDArray[np.float64]
+) -> FindObjectResult:
+    """An answer without objects, for a region of its frame: where nothing was measured nobody knows what is there.
+
+    Args:
+        result: what was answered.
+        region: where was looked.
+        points: (H, W) cloud, camera frame, metres.
+        T_frame_camera: (4, 4) where the camera is in the frame of the answer.
+    """
+    seen = transform_xyz(T_frame_camera, xyz(points).reshape(-1, 3))
+    if ((seen >= region.low) & (seen <= region.high)).all(axis=1).any():
+        return result
+    frame = result.header.frame_id
+    words = f"nothing was measured between {region.low} and {region.high} of {frame}: is it in view, and in that frame?"
+    return result.model_copy(update={"status": Status.CANNOT_TELL, "message": words, "p_absent": 0.0})
 
 
 def _p_absent(answer: Answer) -> float:

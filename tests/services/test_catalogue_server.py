@@ -16,7 +16,16 @@ from zsight.errors import NobodyAnswers, RequestRefused, UsageError
 from zsight_core.model import Box, size_of
 from zsight_protocol.codec import encode
 from zsight_protocol.errors import ProtocolError
-from zsight_protocol.object_type import BoxShape, CatalogAnswer, CatalogRequest, MeshShape, ObjectType, ShapeOf
+from zsight_protocol.object_type import (
+    BoxShape,
+    CatalogAnswer,
+    CatalogRequest,
+    CylinderShape,
+    MeshShape,
+    ObjectType,
+    ShapeOf,
+    SphereShape,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -130,10 +139,24 @@ def test_a_mesh_that_is_refused_for_its_size_leaves_the_one_that_is_there(catalo
     part = ObjectType(name="part", shape=ShapeOf(mesh=MeshShape(file="part.stl")))
     catalog.add(part, bracket)
     large = ObjectType(name="part", shape=ShapeOf(mesh=MeshShape(file="part.stl", scale=1000)))
-    with pytest.raises(RequestRefused, match="m large with scale 1000"):
+    with pytest.raises(RequestRefused, match="with scale 1000 is"):
         catalog.add(large, mug)
     assert (tmp_path / "part.stl").read_bytes() == bracket
     assert catalog.get("part") == part
+
+
+@pytest.mark.parametrize(
+    "shape",
+    [
+        ShapeOf(box=BoxShape(size=(65.0, 75.0, 95.0))),
+        ShapeOf(cylinder=CylinderShape(diameter=66.0, height=10.0)),
+        ShapeOf(sphere=SphereShape(diameter=67.0)),
+    ],
+)
+def test_a_shape_in_millimetres_is_refused(catalog: Catalog, known: Catalogue, shape: ShapeOf) -> None:
+    with pytest.raises(RequestRefused, match=r"thing is .* m large; expected at most 3 m: is its unit millimetres"):
+        catalog.add(ObjectType(name="thing", shape=shape))
+    assert "thing" not in known.types
 
 
 def test_a_former_version_keeps_its_mesh(catalog: Catalog, tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from tests.core import book_scene
 from tests.services.running import running
 from tests.services.waiting import DEADLINE, soon
 
@@ -15,9 +16,12 @@ from zsight.catalogue.type_files import read_type
 from zsight.client import CellClient, answer_of
 from zsight.convert import cloud_from_points, matrix_of, stamped
 from zsight.errors import DeadlinePassed, GoalCancelled, NobodyAnswers, RequestRefused, UsageError
+from zsight.explaining import explain
 from zsight.hosts.clocks import Clock
+from zsight.offline import find_in_file
 from zsight.sources import open_source
 from zsight_core import find as find_core
+from zsight_core import pcd
 from zsight_core import scene as scene_core
 from zsight_core.transform import angle_between, from_rpy
 from zsight_protocol.action import GoalState
@@ -154,6 +158,23 @@ def test_of_a_region_that_is_not_in_view_nothing_is_claimed(start: Callable[...,
     result = stage.client.find("toy_block", region=Region(low=(5.0, 5.0, 5.0), high=(6.0, 6.0, 6.0)))
     assert (result.status, result.p_absent) == (Status.CANNOT_TELL, 0.0)
     assert "nothing was measured between (5.0, 5.0, 5.0) and (6.0, 6.0, 6.0) of base_link" in result.message
+
+
+def test_of_a_region_that_is_not_in_view_nothing_is_claimed_in_a_file_either(tmp_path: Path) -> None:
+    pcd.write(tmp_path / "book.pcd", book_scene.cloud())
+    region = Region(low=(5.0, 5.0, 5.0), high=(6.0, 6.0, 6.0))
+    result = find_in_file(tmp_path / "book.pcd", "toy_block", region=region)
+    assert (result.status, result.p_absent) == (Status.CANNOT_TELL, 0.0)
+    assert "nothing was measured between" in result.message
+
+
+def test_why_says_nothing_of_absence_where_nothing_was_measured(start: Callable[..., Stage]) -> None:
+    stage = start()
+    stage.show()
+    stage.client.find("toy_block", region=Region(low=(5.0, 5.0, 5.0), high=(6.0, 6.0, 6.0)))
+    words = "".join(explain(update) for update in stage.client.results())
+    assert "nothing was measured between" in words
+    assert "absence" not in words
 
 
 def test_the_answer_says_what_it_was_made_of(start: Callable[..., Stage]) -> None:
@@ -390,6 +411,19 @@ def test_a_thing_is_taught_and_then_found(start: Callable[..., Stage], tmp_path:
     (found,) = stage.client.find("4711").objects
     assert found.type == "bar"
     assert matrix_of(found.pose)[:3, 3] == pytest.approx(T_WORLD_BLOCK[:3, 3], abs=0.0005)
+
+
+def test_a_type_that_is_taught_again_keeps_what_else_is_known_of_it(start: Callable[..., Stage]) -> None:
+    stage = start()
+    stage.show()
+    catalog = stage.client.catalog
+    known = catalog.get("toy_block").model_copy(update={"properties": {"mass": 0.15}, "grasps": ({"width": 0.04},)})
+    catalog.add(known)
+    taught, _ = catalog.teach("toy_block", notes="Measured.")
+    assert taught == catalog.get("toy_block")
+    assert (taught.version, taught.code, taught.notes) == (3, known.code, "Measured.")
+    assert (taught.properties, taught.grasps) == (known.properties, known.grasps)
+    assert taught.shape != known.shape
 
 
 def test_what_is_only_measured_is_not_kept(start: Callable[..., Stage]) -> None:

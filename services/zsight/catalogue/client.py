@@ -102,12 +102,16 @@ class Catalog:
     def teach(self, name: str, **lesson: Unpack[Lesson]) -> tuple[ObjectType, Taught]:
         """Make a type of a thing that stands before a camera, and add it to every finder.
 
+        A type of this name that is there becomes the next version of itself, and keeps its number, notes, grasps and
+        properties where no others are given.
+
         Args:
-            name: of the new type.
+            name: of the type.
             lesson: see Lesson.
 
         Returns:
-            The type, and where the thing stands, how well the shape explains it, and a picture (PNG).
+            The type as the finders have it, and where the thing stands, how well the shape explains it, and a picture
+            (PNG).
 
         Raises:
             RequestRefused: no thing or several are meant, no shape fits, or the view does not show all dimensions.
@@ -129,9 +133,14 @@ class Catalog:
         answer = self._ask(request, name, lesson.get("timeout", 20.0))[0]
         if answer.taught is None:
             raise RequestRefused(f"the finder measured nothing for {name}")
-        if lesson.get("keep", True):
-            self.add(answer.types[0])
-        return answer.types[0], answer.taught
+        kind = answer.types[0]
+        if not lesson.get("keep", True):
+            return kind, answer.taught
+        for known in self.list():
+            if known.name == name:
+                kind = _relearnt(known, kind)
+        self.add(kind)
+        return self.get(name), answer.taught
 
     def _ask(self, request: CatalogRequest, name: str, timeout: float = PATIENCE) -> Sequence[CatalogAnswer]:
         """The finders' answers, those that agree first; an error where all of them refuse."""
@@ -140,6 +149,18 @@ class Catalog:
         if not any(answer.ok for answer in answers):
             raise RequestRefused(_words(answers))
         return sorted(answers, key=lambda answer: not answer.ok)
+
+
+def _relearnt(known: ObjectType, measured: ObjectType) -> ObjectType:
+    """A type that was measured anew, with what else is known of it."""
+    return measured.model_copy(
+        update={
+            "code": known.code if measured.code is None else measured.code,
+            "notes": measured.notes or known.notes,
+            "grasps": known.grasps,
+            "properties": known.properties,
+        }
+    )
 
 
 def _words(answers: Sequence[CatalogAnswer]) -> str:

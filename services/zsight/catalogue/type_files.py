@@ -38,7 +38,7 @@ __all__ = [
 
 log = logging.getLogger(__name__)
 
-LARGEST_MESH = 3.0
+LARGEST = 3.0
 """Metres; a larger one is taken for a mistaken unit."""
 
 REMOVED = ".removed"
@@ -254,11 +254,12 @@ def _model_of(kind: ObjectType, folder: Path) -> ObjectModel:
     from zsight_core.model import ObjectModel, size_of
 
     model = ObjectModel(kind.name, shape_of(kind.shape, folder), kind.colour)
-    largest = max(size_of(model.shape))
-    if kind.shape.mesh is not None and largest > LARGEST_MESH:
+    largest, mesh = max(size_of(model.shape)), kind.shape.mesh
+    if kind.shape.surface is None and largest > LARGEST:
+        what = kind.name if mesh is None else f"mesh {mesh.file} with scale {mesh.scale:g}"
+        mend = "Sizes are metres" if mesh is None else "Then its scale is 0.001"
         raise UsageError(
-            f"mesh {kind.shape.mesh.file} is {largest:.4g} m large with scale {kind.shape.mesh.scale:g}; expected at"
-            f" most {LARGEST_MESH:g} m: is its unit millimetres? Then its scale is 0.001"
+            f"{what} is {largest:.4g} m large; expected at most {LARGEST:g} m: is its unit millimetres? {mend}"
         )
     return model
 

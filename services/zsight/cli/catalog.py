@@ -91,7 +91,9 @@ def remove(name: Name, connect: Connect = None, namespace: Namespace = None) -> 
 @app.command()
 def teach(
     context: typer.Context,
-    name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the new type.")],
+    name: Annotated[
+        str, typer.Argument(metavar="NAME", help="Name of the type; one that is there becomes its next version.")
+    ],
     at: Annotated[
         str | None,
         typer.Option("--at", metavar='"X Y Z"', help="Any place in the thing, metres; not needed where it is alone."),
@@ -149,7 +151,9 @@ def teach(
     position = numbers([taught.pose.position.x, taught.pose.position.y, taught.pose.position.z], 3)
     told = ", ".join(f"{shape} {share:.0%}" for shape, share in taught.explained_by.items())
     say(f"{kind.name}: {_shape(kind)}, at {position} m in {taught.header.frame_id}; explained: {told}")
-    if output is None and (cloud is not None or dry_run):
+    if cloud is None and not dry_run:
+        say(f"{'changed' if kind.version > 1 else 'added'} {kind.name}, version {kind.version}")
+    elif output is None:
         typer.echo(_as_yaml(kind), nl=False)
 
 

@@ -233,7 +233,7 @@ def describe(result: FindObjectResult) -> str:
         return f"{words}: {result.message}"
     if not result.report.get("supports", True):
         return f"{words}: no surface was seen that things could stand on"
-    return f"{words} (probability of absence {result.p_absent:.3f})"
+    return f"{words} (probability of absence {result.p_absent:.3f})" if result.p_absent else words
 
 
 _WAY = {

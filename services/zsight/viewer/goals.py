@@ -87,7 +87,9 @@ def outcome(result: FindObjectResult) -> str:
     if result.objects:
         return "found " + ", ".join(f"{found.type} {found.score:.0%}" for found in result.objects)
     words = result.status.value.replace("_", " ")
-    return f"{words}: {result.message}" if result.message else f"{words} (absent: {result.p_absent:.0%})"
+    if result.message:
+        return f"{words}: {result.message}"
+    return f"{words} (absent: {result.p_absent:.0%})" if result.p_absent else words
 
 
 def _table(goals: list[_Goal]) -> str:
