@@ -58,7 +58,7 @@ def near_an_edge(cells: Rows, depth_change: float) -> Rows:
     """True from where a hole or a jump in depth is less than a window away (diagonal steps count 1.4), or the border
     less than half of one."""
     z = cells[..., 2]
-    edge: Rows = ~np.isfinite(cells).all(axis=2)
+    edge: Rows = ~np.asarray(np.isfinite(cells).all(axis=2))
     for a, b in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:])):
         with np.errstate(invalid="ignore"):
             jump = ~(np.abs(z[a] - z[b]) <= 2 * depth_change * (1 + np.abs(z[a])))
