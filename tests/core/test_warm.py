@@ -147,10 +147,10 @@ def test_first_calls_compile_nothing_and_load_no_compiler(tmp_path: Path) -> Non
 def test_a_kernel_that_was_loaded_is_compiled_into_another(tmp_path: Path) -> None:
     code = (
         "import sys, numpy as np\n"
-        "from zsight_core.jit import njit\n"
         "from zsight_core.disjoint_sets import unite, warm_up\n"
+        "import numba\n"
         "warm_up(); print(sum(unite.stats.cache_hits.values()), 'numba.np.linalg' in sys.modules)\n"
-        "@njit(cache=False)\n"
+        "@numba.njit\n"
         "def joined(parent):\n"
         "    unite(parent, 2, 1)\n"
         "    return parent[2]\n"
