@@ -38,6 +38,11 @@ def test_every_module_with_kernels_has_a_warm_up() -> None:
     assert with_kernels - named == set(), "these files define kernels and no warm_up()"
 
 
+def test_every_kernel_is_made_by_our_own_decorator() -> None:
+    own = {PACKAGE / "jit.py", PACKAGE / "kernel_loading.py"}
+    assert [path for path in sources() if path not in own and "from numba import" in path.read_text()] == []
+
+
 def test_kernels_compiled_into_other_files_are_part_of_the_cache_key() -> None:
     shared = {path.relative_to(PACKAGE).as_posix() for path in sources() for path in _compiled_in(path)}
     assert shared - set(kernel_cache.SHARED) == set(), "add these to kernel_cache.SHARED"
