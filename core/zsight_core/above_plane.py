@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numba import njit
 
 from zsight_core.errors import GeometryError
 from zsight_core.filters import finite_mask
+from zsight_core.jit import njit
 from zsight_core.plane import Plane, frame_on_plane, heights
 from zsight_core.points import xyz
 from zsight_core.take import take

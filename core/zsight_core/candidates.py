@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from numba import njit
 
 from zsight_core import refine, verify
 from zsight_core.claims import ROOM_SHARED, Claim, claimed, contradict
 from zsight_core.clues import Clues, Hypothesis, clues_of
 from zsight_core.contest import NOBODY, lead
 from zsight_core.contour import MOST
+from zsight_core.jit import njit
 from zsight_core.model import Mesh, Sphere, size_of
 from zsight_core.overlap import shared
 from zsight_core.recognise import hypotheses, turned

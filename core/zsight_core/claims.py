@@ -9,8 +9,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numba import njit
 
+from zsight_core.jit import njit
 from zsight_core.overlap import shared
 from zsight_core.render import draw, face_planes, place, region_of
 

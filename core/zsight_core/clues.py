@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from numba import njit
 
 from zsight_core.bits import Bits, bits_of
+from zsight_core.jit import njit
 from zsight_core.transform import inverse
 
 if TYPE_CHECKING:

@@ -6,10 +6,10 @@ import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numba import njit
 
 from zsight_core.disjoint_sets import root_of
 from zsight_core.errors import GeometryError, PointsError
+from zsight_core.jit import njit
 from zsight_core.neighbour_grid import grid_of
 from zsight_core.tile import TILE, load_tile, new_tile
 from zsight_core.words import words_of

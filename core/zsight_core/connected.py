@@ -6,9 +6,9 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit
 
 from zsight_core.errors import GeometryError, PointsError
+from zsight_core.jit import njit
 from zsight_core.points import is_organised
 from zsight_core.words import words_of
 

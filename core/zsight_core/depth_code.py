@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit
 
 from zsight_core import depth_image
+from zsight_core.jit import njit
 from zsight_core.pinhole import Pinhole
 from zsight_core.points import XYZ, XYZRGB, has_colour, is_organised
 

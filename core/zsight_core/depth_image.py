@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numba import njit
 
 from zsight_core.errors import PointsError
+from zsight_core.jit import njit
 from zsight_core.pinhole import Pinhole
 from zsight_core.points import XYZ, XYZRGB, xyz
 from zsight_core.take import array_for

@@ -8,7 +8,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numba import njit
+
+from zsight_core.jit import njit
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -6,9 +6,9 @@ import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numba import njit
 
 from zsight_core.errors import GeometryError, PointsError
+from zsight_core.jit import njit
 from zsight_core.points import XYZ
 from zsight_core.take import append_marked, room_for, take, trimmed, units_of
 from zsight_core.tile import TILE, lies_packed, load_tile, new_tile

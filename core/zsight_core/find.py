@@ -20,6 +20,7 @@ from zsight_core import (
     clues,
     contest,
     contour,
+    model_bits,
     overlap,
     peek,
     recognise,
@@ -220,7 +221,8 @@ def prepare(models: Sequence[ObjectModel]) -> None:
 def warm_up() -> None:
     """Compile all kernels of the finder (or load them from their cache)."""
     scene_stage.warm_up()
-    for module in (clues, overlap, render, contour, refine, verify, bits, votes, peek, contest, claims, candidates):
+    of_shapes = (overlap, model_bits)
+    for module in (clues, *of_shapes, render, contour, refine, verify, bits, votes, peek, contest, claims, candidates):
         module.warm_up()
 
 
@@ -409,8 +411,7 @@ class _Search:
     @cached_property
     def _known(self) -> dict[int, tuple[Trials, Counts]]:
         """Candidates of all types asked for; the largest first, for small things may be seen on sides of large ones."""
-        solids = [model for model in self.models if not isinstance(model.shape, Surface)]
-        solids.sort(key=_size)
+        solids = _largest_first([model for model in self.models if not isinstance(model.shape, Surface)])
         found, turns = {}, self.candidates.in_turn(solids)
         for number, model in enumerate(solids):
             self.checkpoint("search", number / len(solids))
@@ -432,11 +433,10 @@ class _Search:
                 pool.add(one, candidate)
         names = {one.name for one in asked}
         others = [rival for rival in rivals if rival.name not in names and not isinstance(rival.shape, Surface)]
-        others.sort(key=_size)
         probable = [member for member in pool.members if member[1].probability >= ACCEPTED]
         beaten: set[int] = set()
         for one, candidate, claim in probable:
-            for rival in others if not is_sure(candidate) else ():
+            for rival in _largest_first(others) if not is_sure(candidate) else ():
                 if id(candidate) in beaten:
                     break
                 if self._most_pixels(rival, candidate.hypothesis) > net(candidate):
@@ -585,19 +585,18 @@ class _Search:
 
 def _apart_from(candidate: Candidate, others: list[Candidate], solid: Solid) -> list[Candidate]:
     """Those others that put the surface elsewhere than the candidate and those before."""
-    from scipy.spatial import cKDTree
-
     found: list[Candidate] = []
     for other in others:
-        if all(_differ(solid, other.hypothesis, known.hypothesis, cKDTree) for known in [candidate, *found]):
+        if all(_differ(solid, other.hypothesis, known.hypothesis) for known in [candidate, *found]):
             found.append(other)
     return found
 
 
-def _differ(solid: Solid, a: Hypothesis, b: Hypothesis, tree: Any) -> bool:
-    """True where the surface of one pose is more than SAME_SURFACE from that of the other."""
+def _differ(solid: Solid, a: Hypothesis, b: Hypothesis) -> bool:
+    """True where the surface of one pose is more than SAME_SURFACE from that of the other; a coarse solid will do."""
     one, two = (T[:3, :3] @ solid.vertices.T + T[:3, 3:] for T in (a.T_support_model, b.T_support_model))
-    return bool(tree(two.T).query(one.T)[0].max() > SAME_SURFACE)
+    squares = ((one[:, :, np.newaxis] - two[:, np.newaxis]) ** 2).sum(axis=0)
+    return bool(squares.min(axis=1).max() > SAME_SURFACE**2)
 
 
 def _apart(T_a: NDArray[np.float64], T_b: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -606,9 +605,9 @@ def _apart(T_a: NDArray[np.float64], T_b: NDArray[np.float64]) -> NDArray[np.flo
     return np.append(T_b[:3, 3] - T_a[:3, 3], np.arctan2(R[1, 0] - R[0, 1], R[0, 0] + R[1, 1]))
 
 
-def _size(model: ObjectModel) -> float:
-    """A number that is smaller for larger solids."""
-    return -hull_area(solid_of(model.shape, coarse=True))
+def _largest_first(models: list[ObjectModel]) -> list[ObjectModel]:
+    """Solids by the area of their hulls, which need not be known of one alone."""
+    return sorted(models, key=lambda model: -hull_area(solid_of(model.shape, coarse=True))) if models[1:] else models
 
 
 def _beaten_by(rival: Claim, probable: list[_Member]) -> set[int]:

@@ -23,6 +23,8 @@ SHARED = (
     "disjoint_sets.py",
     "eight_bytes.py",
     "image_normals.py",
+    "jit.py",
+    "kernel_loading.py",
     "model_bits.py",
     "moments.py",
     "neighbour_grid.py",
@@ -35,7 +37,8 @@ SHARED = (
     "tile.py",
     "words.py",
 )
-"""Files of this package whose kernels are called by kernels of other files; a test compares this list with the code."""
+"""Files of this package whose kernels are called by kernels of other files, which a test compares with the code; and
+those that say how a kernel is compiled and what is kept of it."""
 
 _PACKAGE = Path(__file__).resolve().parent
 

@@ -11,9 +11,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit
 
 from zsight_core.eight_bytes import load, store
+from zsight_core.jit import njit
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from zsight_core.bits import CLASS_WIDTH, KINDS, RIM, STEEP_CELL
+from zsight_core.jit import njit
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -98,15 +99,30 @@ def _faced(bits: _Bits) -> NDArray[np.float32]:
 
 def _order(corners: NDArray[np.float64]) -> int:
     """The largest number of turns to a full one that put all corners (V, 3) onto corners."""
-    from scipy.spatial import cKDTree
-
-    tree = cKDTree(corners)
+    upwards = corners[np.argsort(corners[:, 2], kind="stable")]
     for order in ORDERS:
         c, s = np.cos(2 * np.pi / order), np.sin(2 * np.pi / order)
-        turned = corners @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
-        if np.isfinite(tree.query(turned, distance_upper_bound=SAME)[0]).all():
+        if _lie_on(upwards @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]), upwards, SAME):
             return order
     return 1
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _lie_on(points: NDArray[np.float64], corners: NDArray[np.float64], same: float) -> bool:
+    """True where each of the points (N, 3) is within `same` of one of the corners (V, 3); both go upwards."""
+    low = 0
+    for i in range(len(points)):
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        while low < len(corners) and corners[low, 2] < z - same:
+            low += 1
+        near, k = False, low
+        while not near and k < len(corners) and corners[k, 2] <= z + same:
+            dx, dy, dz = corners[k, 0] - x, corners[k, 1] - y, corners[k, 2] - z
+            near = dx * dx + dy * dy + dz * dz < same * same
+            k += 1
+        if not near:
+            return False
+    return True
 
 
 def _first_turn(bits: _Bits, order: int) -> _Bits:
@@ -186,3 +202,8 @@ def _thinned(bits: _Bits, ways: float) -> _Bits:
     key = np.column_stack([np.floor(bits.points / SPACING), np.round(bits.ways * ways)])
     chosen = np.sort(np.unique(key, axis=0, return_index=True)[1])
     return _Bits(bits.points[chosen], bits.ways[chosen])
+
+
+def warm_up() -> None:
+    """Compile the kernel (or load it from its cache)."""
+    _lie_on(np.zeros((1, 3)), np.zeros((1, 3)), 1.0)

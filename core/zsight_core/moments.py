@@ -6,8 +6,8 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit
 
+from zsight_core.jit import njit
 from zsight_core.tile import TILE, load_tile, new_tile
 
 if TYPE_CHECKING:

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numba import njit
 
 from zsight_core.disjoint_sets import root_of, unite
 from zsight_core.errors import GeometryError, PointsError
 from zsight_core.image_normals import load_row, mark_edges, mark_near, normals_of_row
+from zsight_core.jit import njit
 from zsight_core.moments import plane_of_sums
 from zsight_core.plane import Plane, PlaneFit
 from zsight_core.points import is_organised

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit
 
 from zsight_core.errors import GeometryError
+from zsight_core.jit import njit
 from zsight_core.words import words_of
 
 if TYPE_CHECKING:

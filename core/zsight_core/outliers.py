@@ -6,9 +6,9 @@ import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numba import njit
 
 from zsight_core.errors import GeometryError
+from zsight_core.jit import njit
 from zsight_core.neighbour_grid import block_around, grid_of
 from zsight_core.statistics import count_finite
 from zsight_core.take import take

@@ -11,10 +11,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numba import njit
 
 from zsight_core.errors import GeometryError
+from zsight_core.jit import njit
 from zsight_core.moments import covariance, moments_near_plane, principal_axes
+from zsight_core.points import XYZ
 from zsight_core.take import append_marked, array_for, room_for, take, trimmed, units_of
 from zsight_core.tile import TILE, lies_packed, load_tile, new_tile
 from zsight_core.words import words_of
@@ -469,4 +470,5 @@ def warm_up() -> None:
     ransac_plane(xyz, 0.01)
     heights(xyz, plane)
     inliers(xyz, plane, 0.01)
+    select(np.zeros((1, 2), XYZ), plane, 0.01)
     take(np.zeros((1, 2), [("x", "<f4")]), np.ones((1, 2), np.bool_))

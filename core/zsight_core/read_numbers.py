@@ -10,9 +10,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numba import njit
 
 from zsight_core.eight_bytes import load
+from zsight_core.jit import njit
 from zsight_core.number_kinds import BYTE, DOUBLE, FLOAT, POWERS, SIGNED, SIZES, TENS, UINT32, UNSIGNED
 
 if TYPE_CHECKING:

@@ -11,9 +11,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit
 
 from zsight_core.contour import MOST, SPACING, scan
+from zsight_core.jit import njit
 from zsight_core.render import draw, face_planes, moved_planes, place, product, region_of
 
 if TYPE_CHECKING:

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit
 
 from zsight_core.errors import GeometryError, PointsError
+from zsight_core.jit import njit
 from zsight_core.words import record_words, words_of
 
 if TYPE_CHECKING:

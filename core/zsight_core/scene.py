@@ -11,13 +11,13 @@ from time import perf_counter
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit
 
 from zsight_core import holes, wholes
 from zsight_core import segments as seg
 from zsight_core import support as sup
 from zsight_core import view as vw
 from zsight_core.holes import Hole, find_holes
+from zsight_core.jit import njit
 from zsight_core.scene_limits import SceneLimits
 from zsight_core.transform import inverse
 from zsight_core.wholes import Cells, join_parts

@@ -9,9 +9,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit
 
 from zsight_core.eight_bytes import store
+from zsight_core.jit import njit
 from zsight_core.number_kinds import FLOAT, POWERS, SIZES, TENS, TEXT, UNSIGNED
 
 if TYPE_CHECKING:

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit
 
+from zsight_core.jit import njit
 from zsight_core.transform import inverse
 
 if TYPE_CHECKING:

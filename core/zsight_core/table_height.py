@@ -7,11 +7,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit
 
 from zsight_core.errors import GeometryError
+from zsight_core.jit import njit
 from zsight_core.moments import add_moments_near_plane, covariance, principal_axes
 from zsight_core.plane import Plane, plane_through
+from zsight_core.points import XYZ
 from zsight_core.tile import TILE, load_tile, new_tile
 from zsight_core.words import words_of
 
@@ -150,7 +151,7 @@ def _slab_counts(
     layout: Layout,
     motion: NDArray[np.float32],
     edges: NDArray[np.float32],
-    region: NDArray[np.float32],
+    region: NDArray[np.float64],
 ) -> NDArray[np.int64]:
     slabs = len(edges) - 1
     counts = np.zeros((4, slabs + 1), np.int64)  # neighbours mostly fall into one slab: four counters do not wait
@@ -176,7 +177,7 @@ def _slab_counts(
 
 @njit(cache=True, nogil=True)
 def _heights(
-    tile: NDArray[np.float32], motion: NDArray[np.float32], limits: NDArray[np.float32], heights: NDArray[np.float32]
+    tile: NDArray[np.float32], motion: NDArray[np.float32], limits: NDArray[np.float64], heights: NDArray[np.float32]
 ) -> None:
     """World height of each point of a tile, NaN outside the region: x low, x high, y low, y high."""
     a, b, c, d = motion[2, 0], motion[2, 1], motion[2, 2], motion[2, 3]
@@ -273,6 +274,5 @@ def warm_up() -> None:
     """Compile the kernels of this file."""
     points = words_of(np.array([[0, 0, 1], [1, 0, 1], [0, 1, 1]], np.float32))
     motion = np.eye(3, 4, dtype=np.float32)
-    everywhere = np.array(EVERYWHERE, np.float32)
-    _slab_counts(points.words, points.layout, motion, np.array([0.0, 1.0, 2.0], np.float32), everywhere)
+    slab_counts(np.zeros((1, 2), XYZ), np.eye(4), np.array([0.0, 1.0, 2.0]))
     _slab_moments(points.words, points.layout, motion, np.array([*EVERYWHERE, 0.0, 2.0]), 1.0)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numba import njit
 
 from zsight_core.contour import MOST, scan
+from zsight_core.jit import njit
 from zsight_core.render import draw, face_planes, moved_planes, place, product, region_of
 
 if TYPE_CHECKING:

@@ -6,9 +6,9 @@ import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numba import njit
 
 from zsight_core.errors import GeometryError
+from zsight_core.jit import njit
 from zsight_core.points import XYZ, XYZRGB, Points
 from zsight_core.scratch import scratch
 from zsight_core.take import room_for

@@ -13,7 +13,8 @@ from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numba import njit
+
+from zsight_core.jit import njit
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

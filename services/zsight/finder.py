@@ -54,6 +54,7 @@ log = logging.getLogger(__name__)
 
 _STAGES = 512  # clouds whose way is remembered; no goal works on an older one
 _WAIT_STEP = 0.02  # seconds between two looks at the goal's deadline while it waits for a cloud
+_GOAL_PATIENCE = 1.0  # seconds that the shape of a type is left for a goal
 _CLOCKS_EVERY = 10.0  # seconds between two looks at the clocks of all hosts
 _TRANSFORM_PATIENCE = 0.3  # seconds that a cloud waits for the transforms of its time
 
@@ -130,8 +131,9 @@ def run(bus: Bus, settings: Settings) -> None:
     server = ActionServer(bus, settings.name, FindObjectGoal, work, settings)
     bus.ready()
     warm.set()
-    # Shapes are worked out while the first goal may be at work already, which does so itself with those that it needs.
-    find_core.prepare(catalogue.models())
+    for model in catalogue.models():  # between goals, which themselves work out those shapes that they need
+        server.rest(_GOAL_PATIENCE)
+        find_core.prepare([model])
     bus.stopping.wait()
     catalogue_server.close()
     server.close()

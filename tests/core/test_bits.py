@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.spatial import ConvexHull
 from tests.core.book_scene import COKE_CAN, T_WORLD_CAMERA, TABLE_HEIGHT, TOY_BLOCK, at, cloud
 
 from zsight_core.bits import RIM
 from zsight_core.clues import clues_of
 from zsight_core.model_bits import model_bits
 from zsight_core.scene import understand
-from zsight_core.solid import solid_of
+from zsight_core.solid import Solid, solid_of
 
 pytestmark = pytest.mark.usefixtures("warm_kernels")
 
@@ -35,3 +36,15 @@ def test_every_second_sample_of_a_model_is_spread_over_it_too() -> None:
     bits = model_bits(solid_of(COKE_CAN.shape), np.eye(3), is_round=True)
     for half in (bits.samples[:, ::2], bits.samples[:, 1::2]):
         assert (half[5] > 0.9).sum() >= 4
+
+
+@pytest.mark.parametrize(("corners", "order"), [(3, 3), (4, 4), (5, 1), (6, 3), (8, 4)])
+def test_turns_that_put_a_prism_onto_itself(corners: int, order: int) -> None:
+    around = np.arange(corners) * 2 * np.pi / corners + 0.3
+    ring = np.stack([0.1 * np.cos(around), 0.1 * np.sin(around)], axis=1)
+    vertices = np.concatenate([np.column_stack([ring, np.full(corners, z)]) for z in (0.05, -0.05)])
+    faces = ConvexHull(vertices).simplices.astype(np.int32)
+    solid = Solid(vertices, faces, np.empty((0, 4), np.int32))
+    assert model_bits(solid, np.eye(3), is_round=False).order == order
+    vertices[0, 0] += 0.001
+    assert model_bits(solid, np.eye(3), is_round=False).order == 1

@@ -5,16 +5,22 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from numpy.testing import assert_array_equal
+from numpy.testing import assert_allclose, assert_array_equal
+from tests.core import book_scene as book
+from tests.core import plain_planes
 from tests.core.clouds import LAYOUTS, in_layout
 
+from zsight_core import pcd
 from zsight_core.errors import GeometryError, PointsError
 from zsight_core.multi_plane import planes_of_image
 from zsight_core.points import from_xyz, xyz
 from zsight_core.rigid import transform_points
+from zsight_core.simulation.kinect import Kinect
 from zsight_core.transform import from_rpy
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from zsight_core.points import Points
 
 Labels = np.ndarray[Any, np.dtype[Any]]
@@ -42,6 +48,34 @@ def overlap(found: Labels, truth: Labels) -> list[float]:
         max(((truth == k) & (found == j)).sum() / ((truth == k) | (found == j)).sum() for j in range(found.max() + 1))
         for k in range(truth.max() + 1)
     ]
+
+
+def agree_with_the_reference(cloud: Points, least: int = 1000) -> None:
+    """The same planes, and the same pixels but for those whose normal or distance is, in float32, as at a threshold."""
+    found, (labels, planes) = planes_of_image(cloud, least), plain_planes.planes_of_image(cloud, least)
+    assert planes.size > 0
+    assert_allclose([fit.plane.coefficients() for fit in found.fits], planes, atol=1e-4)
+    assert (found.labels != labels).mean() < 1e-3
+
+
+@pytest.mark.parametrize("noise", [0.0, 5e-4, 1e-3, 3e-3])
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_room_equals_the_reference(noise: float, seed: int) -> None:
+    agree_with_the_reference(room(noise, seed)[0], 600)
+
+
+@pytest.mark.parametrize("noise", [None, Kinect()])
+def test_a_table_equals_the_reference(noise: Kinect | None) -> None:
+    agree_with_the_reference(
+        book.cloud((book.TOY_BLOCK, book.T_WORLD_BLOCK), (book.COKE_CAN, book.at(0.7, -0.1, 0.8357)), noise=noise)
+    )
+
+
+@pytest.mark.parametrize(
+    "name", ["pcl/milk_cartoon_all_small_clorox.pcd", "mosd_learn/learn0.pcd", "moveit/drinks_can.pcd"]
+)
+def test_recordings_equal_the_reference(shared_data: Path, name: str) -> None:
+    agree_with_the_reference(pcd.read(shared_data / name).points)
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.001])

@@ -9,14 +9,12 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+
+import pytest
 
 import zsight_core
 from zsight_core import kernel_cache
 from zsight_core.warm import is_warm, kernel_modules
-
-if TYPE_CHECKING:
-    import pytest
 
 PACKAGE = Path(inspect.getfile(zsight_core)).parent
 
@@ -38,6 +36,11 @@ def test_every_module_with_kernels_has_a_warm_up() -> None:
     with_kernels = {path for path in sources() if "@njit" in path.read_text() or "@guvectorize" in path.read_text()}
     named = {PACKAGE.joinpath(*name.split(".")[1:]).with_suffix(".py") for name in kernel_modules()}
     assert with_kernels - named == set(), "these files define kernels and no warm_up()"
+
+
+def test_every_kernel_is_made_by_our_own_decorator() -> None:
+    own = {PACKAGE / "jit.py", PACKAGE / "kernel_loading.py"}
+    assert [path for path in sources() if path not in own and "from numba import" in path.read_text()] == []
 
 
 def test_kernels_compiled_into_other_files_are_part_of_the_cache_key() -> None:
@@ -108,6 +111,58 @@ def test_kernels_are_kept_and_a_changed_source_is_noticed(tmp_path: Path) -> Non
     with (package / "moments.py").open("a") as source:  # not used by rigid.py, but by some kernels elsewhere
         source.write("\n# changed\n")
     assert run(code, XDG_CACHE_HOME=cache) == "False 0 1 True"
+
+
+FIRST_CALLS = """
+import sys
+from pathlib import Path
+from numba.core import event
+from tests.core.clouds import random_cloud
+from tests.core.test_kernel_laws import EXACT, KERNELS, LARGE
+from zsight_core import pcd, ply
+
+class Compiled(event.Listener):
+    def on_start(self, event):
+        names.add(event.data["dispatcher"].py_func.__qualname__)
+    def on_end(self, event):
+        pass
+
+names, cloud = set(), random_cloud()
+with event.install_listener("numba:compile", Compiled()):
+    for kernel in KERNELS.values():
+        kernel(cloud)
+    for kernel in (LARGE | EXACT).values():
+        kernel(cloud, None)
+    for name in ("ascii.pcd", "binary.pcd", "binary_compressed.pcd", "ascii.ply", "binary_little_endian.ply"):
+        file, module = Path(sys.argv[1]) / name, ply if name.endswith("ply") else pcd
+        module.write(file, cloud, encoding=file.stem)
+        module.read(file)
+print(sorted(names), "numba.np.linalg" in sys.modules)
+"""
+
+
+@pytest.mark.usefixtures("warm_kernels")
+def test_first_calls_compile_nothing_and_load_no_compiler(tmp_path: Path) -> None:
+    answer = subprocess.run(
+        [sys.executable, "-c", FIRST_CALLS, str(tmp_path)], capture_output=True, text=True, check=True, timeout=100
+    )
+    assert answer.stdout.strip() == "[] False"
+
+
+def test_a_kernel_that_was_loaded_is_compiled_into_another(tmp_path: Path) -> None:
+    code = (
+        "import sys, numpy as np\n"
+        "from zsight_core.disjoint_sets import unite, warm_up\n"
+        "import numba\n"
+        "warm_up(); print(sum(unite.stats.cache_hits.values()), 'numba.np.linalg' in sys.modules)\n"
+        "@numba.njit\n"
+        "def joined(parent):\n"
+        "    unite(parent, 2, 1)\n"
+        "    return parent[2]\n"
+        "print(joined(np.arange(3)))"
+    )
+    assert run(code, XDG_CACHE_HOME=str(tmp_path)).split() == ["0", "True", "1"]
+    assert run(code, XDG_CACHE_HOME=str(tmp_path)).split() == ["1", "False", "1"]
 
 
 def test_is_warm_is_cheap(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -114,6 +114,16 @@ def test_a_goal_is_accepted_executed_and_answered(bench: Bench) -> None:
     assert rest[-1].server == "finder"
 
 
+def test_what_can_wait_is_done_while_no_goal_is_at_work(bench: Bench) -> None:
+    assert bench.server.rest(0)
+    bench.executing()
+    waits = bench.send()
+    assert not bench.server.rest(0)
+    bench.work.gate.set()
+    waits.wait()
+    assert bench.server.rest(DEADLINE)
+
+
 def test_watchers_see_each_goal_end_once_and_nothing_after(bench: Bench) -> None:
     bench.work.gate.set()
     ids = []

@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numba import njit
 from scipy.spatial import cKDTree
 
 from zsight_core.colour_map import graded, spread
+from zsight_core.jit import njit
 from zsight_core.points import Points, colours, from_xyz, has_colour, is_organised, xyz
 
 if TYPE_CHECKING:

@@ -12,10 +12,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numba import njit
 
 from zsight_core.bits import KINDS
 from zsight_core.clues import Hypothesis, Stand
+from zsight_core.jit import njit
 from zsight_core.model_bits import LAYER, model_bits
 from zsight_core.peek import best_places
 

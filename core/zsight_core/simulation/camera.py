@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
-from numba import njit
 
+from zsight_core.jit import njit
 from zsight_core.pinhole import Pinhole
 from zsight_core.points import XYZRGB, Points
 from zsight_core.simulation import kinect, raycast, time_of_flight

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numba import njit
 
+from zsight_core.jit import njit
 from zsight_core.model import Box, Cylinder, Mesh, ObjectModel, Shape, Sphere, Surface, size_of
 from zsight_core.transform import inverse
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numba import njit
 
+from zsight_core.jit import njit
 from zsight_core.simulation.depth_edge import JUMP, depth_around
 
 if TYPE_CHECKING:

@@ -215,6 +215,11 @@ class ActionServer(Generic[Goal, Result]):
             thread.join()
         self._status.close()
 
+    def rest(self, patience: float) -> bool:
+        """Wait up to patience seconds until no goal is at work or waits, which is true then: for work that can wait."""
+        with self._changed:
+            return self._changed.wait_for(lambda: not self._running and not self._waiting, patience)
+
     # A goal arrives: on the link's thread, so all of this is quick.
 
     def _goal_asked(self, request: RawRequest) -> None:
@@ -352,6 +357,7 @@ class ActionServer(Generic[Goal, Result]):
             result, state = self._execute(handle)
             with self._changed:
                 self._running -= 1
+                self._changed.notify_all()
             self._end(handle, result, state)
 
     def _execute(self, handle: GoalHandle[Goal, Result]) -> tuple[Result, GoalState]:
