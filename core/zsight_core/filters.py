@@ -151,10 +151,10 @@ def _take_in_box(
 ) -> int:
     """Copy the points in the box; returns how many they are."""
     tile, inside = new_tile(), np.empty(TILE, np.uint8)
-    used, count = 0, len(words) // layout[0]
-    for start in range(0, count, TILE):
+    eights, used = inside.view(np.uint64), 0
+    for start in range(0, len(units), TILE):
         _mark_box(words, layout, start, tile, limits, inside)
-        used = append_marked(units, start, inside[: min(TILE, count - start)], out, used)
+        used = append_marked(units, start, inside, eights, out, used)
     return used
 
 
@@ -170,13 +170,17 @@ def _mark_box(
     """1 for each point of the tile from `start` on that lies within the limits.
 
     A full tile of packed points is read where it is, which takes no longer than reading it does; others go by `tile`.
+    The fourth word of a point chooses between two limits that are the same: of rows that are read in part the compiler
+    would do the last ones of each tile one by one.
     """
     lx, ly, lz, hx, hy, hz = limits[0], limits[1], limits[2], limits[3], limits[4], limits[5]
     if lies_packed(words, layout, start):
-        rows = words[4 * start : 4 * (start + TILE)]
-        for i in range(TILE):
-            x, y, z = rows[4 * i], rows[4 * i + 1], rows[4 * i + 2]
-            inside[i] = (x >= lx) & (x <= hx) & (y >= ly) & (y <= hy) & (z >= lz) & (z <= hz)
+        first, same_hz = np.uint64(4 * start), max(lz, hz)
+        for i in range(np.uint64(TILE)):
+            k = first + np.uint64(4) * i
+            x, y, z, w = words[k], words[k + np.uint64(1)], words[k + np.uint64(2)], words[k + np.uint64(3)]
+            highest = hz if w > lz else same_hz
+            inside[i] = (x >= lx) & (x <= hx) & (y >= ly) & (y <= hy) & (z >= lz) & (z <= highest)
         return
     load_tile(words, layout, -1, start, tile)
     for i in range(TILE):

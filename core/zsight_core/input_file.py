@@ -14,33 +14,56 @@ from zsight_core.errors import FileError
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from io import BufferedReader
+    from types import TracebackType
 
     from numpy.typing import NDArray
 
     from zsight_core.atomic_file import AnyPath
 
-__all__ = ["fill", "input_file", "require_size"]
+__all__ = ["Descriptor", "fill", "input_file", "require_size"]
 
 
-@contextlib.contextmanager
-def input_file(path: AnyPath) -> Iterator[tuple[BufferedReader, int]]:
-    """A regular file open for reading, and its size in bytes.
+class Descriptor:
+    """A regular file open for reading, as ``with`` gives it: its descriptor, and its size in bytes.
+
+    Files of Python's and generators as contexts would cost as much as all else but the reading of a cloud.
 
     Raises:
         FileError: it is not there, not regular or may not be read; also for errors of the system within the block.
     """
-    try:
-        facts = os.stat(path)  # noqa: PTH116  a Path costs as much as the rest of this
-        if not stat.S_ISREG(facts.st_mode):  # asked before opening: that would wait for a pipe's other end
-            raise FileError(path, "is not a regular file")
-        with open(path, "rb") as file:  # noqa: PTH123
-            yield file, os.fstat(file.fileno()).st_size
-    except OSError as error:
-        raise FileError(path, f"cannot be read: {error.strerror or error}") from error
-    except ValueError as error:
-        if "null" not in str(error):  # only a path with a NUL in it is meant here
-            raise
-        raise FileError(path, f"cannot be read: {error}") from error
+
+    def __init__(self, path: AnyPath) -> None:
+        self._path = path
+        self._opened = -1
+
+    def __enter__(self) -> tuple[int, int]:
+        try:  # O_NONBLOCK: not to wait for a pipe's other end
+            self._opened = os.open(self._path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
+        except (OSError, ValueError) as error:  # a ValueError for a path with a NUL in it
+            raise FileError(self._path, _told(error)) from error
+        facts = os.fstat(self._opened)
+        if not stat.S_ISREG(facts.st_mode):
+            os.close(self._opened)
+            raise FileError(self._path, "is not a regular file")
+        return self._opened, facts.st_size
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        os.close(self._opened)
+        if isinstance(error, OSError):
+            raise FileError(self._path, _told(error)) from error
+
+
+def _told(error: OSError | ValueError) -> str:
+    return f"cannot be read: {getattr(error, 'strerror', None) or error}"
+
+
+@contextlib.contextmanager
+def input_file(path: AnyPath) -> Iterator[tuple[BufferedReader, int]]:
+    """A regular file open for reading, and its size in bytes; raises what `Descriptor` does."""
+    with Descriptor(path) as (opened, size), open(opened, "rb", closefd=False) as file:
+        yield file, size
 
 
 def require_size(size: int, expected: int, path: AnyPath) -> None:
@@ -53,14 +76,15 @@ def require_size(size: int, expected: int, path: AnyPath) -> None:
         raise FileError(path, f"is cut short: {expected} bytes of data are promised, {size} are there")
 
 
-def fill(file: BufferedReader, array: NDArray[Any], path: AnyPath) -> None:
-    """Read as many bytes as a contiguous array has.
+def fill(opened: int, array: NDArray[Any], at: int, path: AnyPath) -> None:
+    """Read as many bytes from the byte ``at`` on as a contiguous array of one dimension has.
 
     Raises:
         FileError: fewer are there; a file can shrink while it is read.
     """
-    if array.nbytes == 0:
-        return
-    got = file.readinto(array.view(np.uint8).data)
-    if got != array.nbytes:
-        raise FileError(path, f"is cut short: {got} of {array.nbytes} bytes of data are there")
+    got = os.preadv(opened, [array], at)  # type: ignore[list-item]  # a buffer, though not by numpy's types
+    while got < array.nbytes:  # one call reads 2 GB at most
+        more = os.preadv(opened, [array.view(np.uint8)[got:].data], at + got)
+        if more == 0:
+            raise FileError(path, f"is cut short: {got} of {array.nbytes} bytes of data are there")
+        got += more

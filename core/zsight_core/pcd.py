@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, BinaryIO, Literal, cast
 
@@ -9,12 +10,11 @@ import numpy as np
 
 from zsight_core.atomic_file import AnyPath, atomic_file
 from zsight_core.errors import FileError, PointsError
-from zsight_core.input_file import fill, input_file, require_size
+from zsight_core.input_file import Descriptor, fill, require_size
 from zsight_core.pcd_header import LEVEL, Field, Header, Viewpoint, format_header, read_header
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-    from io import BufferedReader
 
     from zsight_core.points import Points
 
@@ -47,9 +47,9 @@ def read(path: AnyPath) -> PcdFile:
     Raises:
         FileError: there is no such file, or it is empty, cut short, contradicts itself or is no PCD file.
     """
-    with input_file(path) as (file, size):
-        header = read_header(file, path)
-        points = _READERS[header.encoding](file, header, size - file.tell(), path)
+    with Descriptor(path) as (opened, size):
+        header, at = read_header(opened, path)
+        points = _READERS[header.encoding](opened, header, at, size - at, path)
     return PcdFile(points.reshape(header.height, header.width), header.viewpoint, cast(Encoding, header.encoding))
 
 
@@ -94,20 +94,20 @@ def warm_up() -> None:
     number_rows.warm_up()
 
 
-def _read_binary(file: BufferedReader, header: Header, size: int, path: AnyPath) -> Points:
+def _read_binary(opened: int, header: Header, at: int, size: int, path: AnyPath) -> Points:
     expected = header.count * header.record_size
     require_size(size, expected, path)
     if size >= expected + header.record_size:
         raise FileError(path, f"holds {size} bytes of data; its header promises {header.count} points, {expected}")
     points = np.empty(header.count, header.dtype)
-    fill(file, points, path)
+    fill(opened, points, at, path)
     return points
 
 
-def _read_compressed(file: BufferedReader, header: Header, size: int, path: AnyPath) -> Points:
+def _read_compressed(opened: int, header: Header, at: int, size: int, path: AnyPath) -> Points:
     from zsight_core import field_columns, lzf
 
-    packed_size, data_size = _compressed_sizes(file, path)
+    packed_size, data_size = _compressed_sizes(opened, at, path)
     expected = header.count * header.record_size
     if data_size != expected:
         raise FileError(path, f"has {data_size} bytes of data; its header promises {header.count} points, {expected}")
@@ -116,19 +116,19 @@ def _read_compressed(file: BufferedReader, header: Header, size: int, path: AnyP
     if data_size > lzf.MAX_RATIO * packed_size:
         raise FileError(path, f"is damaged: {packed_size} compressed bytes cannot hold {data_size}")
     stream, data = np.empty(packed_size, np.uint8), np.empty(data_size, np.uint8)
-    fill(file, stream, path)
+    fill(opened, stream, at + 8, path)
     if lzf.decompress(stream, data) != data_size:
         raise FileError(path, "is damaged: its compressed data do not expand to what the header promises")
     return field_columns.to_records(data, header.field_sizes).reshape(-1).view(header.dtype)
 
 
-def _read_ascii(file: BufferedReader, header: Header, size: int, path: AnyPath) -> Points:
+def _read_ascii(opened: int, header: Header, at: int, size: int, path: AnyPath) -> Points:
     from zsight_core import number_rows
 
     columns = _columns(header)
     require_size(size, number_rows.least_bytes(header.count, len(columns)), path)
     text = np.empty(size + number_rows.TAIL, np.uint8)
-    fill(file, text[:size], path)
+    fill(opened, text[:size], at, path)
     text[size:] = ord("\n")
     points = np.zeros(header.count, header.dtype)
     records = points.view(np.uint8).reshape(header.count, header.record_size)
@@ -142,8 +142,8 @@ def _read_ascii(file: BufferedReader, header: Header, size: int, path: AnyPath) 
 _READERS = {"ascii": _read_ascii, "binary": _read_binary, "binary_compressed": _read_compressed}
 
 
-def _compressed_sizes(file: BinaryIO, path: AnyPath) -> tuple[int, int]:
-    sizes = file.read(8)
+def _compressed_sizes(opened: int, at: int, path: AnyPath) -> tuple[int, int]:
+    sizes = os.pread(opened, 8, at)
     if len(sizes) < 8:
         raise FileError(path, "is cut short: the sizes of its compressed data are missing")
     return int.from_bytes(sizes[:4], "little"), int.from_bytes(sizes[4:], "little")

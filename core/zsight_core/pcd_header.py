@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import os
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Any, BinaryIO
@@ -32,6 +33,9 @@ _LONGEST_LINE = 1 << 16
 _MOST_LINES = 4096
 _LARGEST_RECORD = 1 << 20
 _LARGEST_SIDE = (1 << 32) - 1  # width and height of a PointCloud2 are 32-bit
+_last_text = [b""]
+"""The header read last: the clouds of one recording have the same, which is then known by one look."""
+
 _KEYWORDS = (
     "VERSION",
     "FIELDS",
@@ -116,16 +120,27 @@ class Header:
         )
 
 
-def read_header(file: BinaryIO, path: AnyPath) -> Header:
-    """Read up to and with the DATA line, behind which the file is left.
+def read_header(opened: int, path: AnyPath) -> tuple[Header, int]:
+    """What stands up to and with the DATA line, and the byte behind that.
+
+    Args:
+        opened: descriptor of the file.
+        path: of the file, to tell.
 
     Raises:
         FileError: the header is cut, contradicts itself, or is none.
     """
+    text = _last_text[0]
+    if text and os.pread(opened, len(text), 0) == text:
+        return _parse(text), len(text)
     try:
-        return _parse(_header_text(file))
+        with open(opened, "rb", closefd=False) as file:
+            text = _header_text(file)
+        header = _parse(text)
     except _HeaderError as error:
         raise FileError(path, f"{error}") from None
+    _last_text[0] = text
+    return header, len(text)
 
 
 def format_header(header: Header) -> bytes:

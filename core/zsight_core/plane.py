@@ -423,10 +423,10 @@ def _take_near(
 ) -> int:
     """Copy the points near the plane; returns how many they are."""
     tile, near = new_tile(), np.empty(TILE, np.uint8)
-    used, count = 0, len(words) // layout[0]
-    for start in range(0, count, TILE):
+    eights, used = near.view(np.uint64), 0
+    for start in range(0, len(units), TILE):
         _mark_near(words, layout, start, tile, plane, limit, near)
-        used = append_marked(units, start, near[: min(TILE, count - start)], out, used)
+        used = append_marked(units, start, near, eights, out, used)
     return used
 
 
@@ -450,17 +450,20 @@ def _mark_near(
     """True or 1 for each point of the tile from `start` on that lies within the limit of the plane.
 
     A full tile of packed points is read where it is, which takes no longer than reading it does; others go by `tile`.
+    The fourth word of a point chooses between two limits that are the same: of rows that are read in part the compiler
+    would do the last ones of each tile one by one.
     """
     nx, ny, nz, d = np.float32(plane[0]), np.float32(plane[1]), np.float32(plane[2]), np.float32(plane[3])
     if lies_packed(words, layout, start):
-        rows = words[4 * start : 4 * (start + TILE)]
-        for i in range(TILE):
-            near[i] = abs(nx * rows[4 * i] + ny * rows[4 * i + 1] + nz * rows[4 * i + 2] - d) <= limit
+        first, same_limit = np.uint64(4 * start), limit if limit >= 0 else d
+        for i in range(np.uint64(TILE)):
+            k = first + np.uint64(4) * i
+            x, y, z, w = words[k], words[k + np.uint64(1)], words[k + np.uint64(2)], words[k + np.uint64(3)]
+            near[i] = abs(nx * x + ny * y + nz * z - d) <= (limit if w > d else same_limit)
         return
     load_tile(words, layout, -1, start, tile)
-    x, y, z = tile[0], tile[1], tile[2]
     for i in range(TILE):
-        near[i] = abs(nx * x[i] + ny * y[i] + nz * z[i] - d) <= limit
+        near[i] = abs(nx * tile[0, i] + ny * tile[1, i] + nz * tile[2, i] - d) <= limit
 
 
 def warm_up() -> None:

@@ -89,37 +89,42 @@ def units_of(points: Points) -> NDArray[np.complex128] | None:
 
 @njit(cache=True, nogil=True)
 def append_marked(
-    units: NDArray[np.complex128], start: int, marked: NDArray[np.uint8], out: NDArray[np.complex128], used: int
+    units: NDArray[np.complex128],
+    start: int,
+    marked: NDArray[np.uint8],
+    eights: NDArray[np.uint64],
+    out: NDArray[np.complex128],
+    used: int,
 ) -> int:
     """Copy the marked ones of the points from `start` on behind the `used` points that `out` holds already.
 
     Args:
-        units: the cloud; how many units make a point follows from the length of `out`, which has room for as many.
+        units: the cloud, a unit a point.
         start: first point of the tile.
-        marked: 1 or 0 for each point of a tile.
+        marked: 1 or 0 for each point of a tile; what lies behind the cloud's last point does not count.
+        eights: the same memory, eight marks at a time.
         out: room for all points of the cloud.
         used: points in it.
 
     Returns:
         Points in `out` afterwards.
     """
-    place = np.uint64(used)
-    if len(marked) < TILE:
-        for i in range(len(marked)):
-            out[place] = units[start + i]
-            place += np.uint64(marked[i])
-        return np.int64(place)  # type: ignore[return-value]  # int() would keep it unsigned
-    eights = marked.view(np.uint64)
-    for k in range(len(eights)):  # neighbours are mostly marked alike
-        first = start + 8 * k
-        if eights[k] == np.uint64(0x0101010101010101):
+    length = np.uint64(min(TILE, len(units) - start))
+    place, begin, whole = np.uint64(used), np.uint64(start), length // np.uint64(8)
+    for group in range(whole):  # neighbours are mostly marked alike
+        first = begin + np.uint64(8) * group
+        if eights[group] == np.uint64(0x0101010101010101):
             for i in range(np.uint64(8)):
                 out[place + i] = units[first + i]
             place += np.uint64(8)
-        elif eights[k] != np.uint64(0):
-            for i in range(8):
+        elif eights[group] != np.uint64(0):
+            for i in range(np.uint64(8)):
                 out[place] = units[first + i]
-                place += np.uint64(marked[8 * k + i])
+                place += np.uint64(marked[np.uint64(8) * group + i])
+    for i in range(np.uint64(8) * whole, length):
+        if marked[i]:
+            out[place] = units[begin + i]
+            place += np.uint64(1)
     return np.int64(place)  # type: ignore[return-value]  # int() would keep it unsigned
 
 
@@ -146,4 +151,5 @@ def warm_up() -> None:
     """Compile the kernels of this file."""
     units = np.zeros(2 * TILE, np.complex128)
     _take_units(units[:2], np.ones(2, np.uint8), units[:2].copy())
-    append_marked(units, 0, np.ones(TILE, np.uint8), units.copy(), 0)
+    marked = np.ones(TILE, np.uint8)
+    append_marked(units, 0, marked, marked.view(np.uint64), units.copy(), 0)

@@ -43,22 +43,24 @@ def load_tile(words: NDArray[np.float32], layout: Layout, colour: int, start: in
     """
     step, at_x, at_y, at_z = layout
     at_w = max(colour, 0)
-    count = len(words) // step
     if lies_packed(words, layout, start) and (colour == 3 or colour < 0):
-        packed = words[4 * start : 4 * start + 4 * TILE]
-        for i in range(TILE):
-            tile[0, i] = packed[4 * i]
-            tile[1, i] = packed[4 * i + 1]
-            tile[2, i] = packed[4 * i + 2]
-            tile[3, i] = packed[4 * i + 3]
+        first = np.uint64(4 * start)  # places, not a part of the array: that would count who refers to it, every tile
+        for i in range(np.uint64(TILE)):
+            k = first + np.uint64(4) * i
+            tile[0, i] = words[k]
+            tile[1, i] = words[k + np.uint64(1)]
+            tile[2, i] = words[k + np.uint64(2)]
+            tile[3, i] = words[k + np.uint64(3)]
         return
-    length = min(TILE, count - start)
-    rows = words[step * start : step * (start + length)]
-    for i in range(length):
-        tile[0, i] = rows[step * i + at_x]
-        tile[1, i] = rows[step * i + at_y]
-        tile[2, i] = rows[step * i + at_z]
-        tile[3, i] = rows[step * i + at_w]
+    length = min(TILE, len(words) // step - start)
+    first = np.uint64(step * start)
+    x, y, z, w = np.uint64(at_x), np.uint64(at_y), np.uint64(at_z), np.uint64(at_w)
+    for i in range(np.uint64(length)):
+        k = first + np.uint64(step) * i
+        tile[0, i] = words[k + x]
+        tile[1, i] = words[k + y]
+        tile[2, i] = words[k + z]
+        tile[3, i] = words[k + w]
     for i in range(length, TILE):
         tile[0, i] = np.nan
         tile[1, i] = np.nan

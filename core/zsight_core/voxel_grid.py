@@ -12,7 +12,7 @@ from zsight_core.jit import njit
 from zsight_core.points import XYZ, XYZRGB, Points
 from zsight_core.scratch import scratch
 from zsight_core.take import room_for
-from zsight_core.tile import TILE, load_tile, new_tile
+from zsight_core.tile import TILE, lies_packed, load_tile, new_tile
 from zsight_core.words import colour_field, record_words, words_of
 
 if TYPE_CHECKING:
@@ -22,8 +22,14 @@ if TYPE_CHECKING:
 
 __all__ = ["voxel_grid", "warm_up"]
 
+_Triple = tuple[int, int, int]
+"""Along x, y and z."""
+
 _REACH = 2**20
 """Voxel numbers along an axis lie in -REACH .. REACH-1, so that three of them fit one 64-bit key."""
+
+_NAN = -(2**31)
+"""The place of an x that is not a number; places that are out of room lie above it, in other voxels."""
 
 _ROOM = 2**30
 """Places, in steps, lie in -ROOM .. ROOM-1; with ROOM added, others have bit 31 set."""
@@ -62,25 +68,23 @@ def voxel_grid(points: Points, leaf: float | tuple[float, float, float], out: Po
     """
     cloud = words_of(points)
     edges = _edges(leaf)
-    bits = _fineness(float(edges.max()))
-    colour = colour_field(points)
-    packed = XYZRGB if colour else XYZ
+    bits = _fineness(max(edges.tolist()))
+    packed = XYZ if cloud.colour < 0 else XYZRGB
     same = points.dtype == packed
     keys = scratch("voxel keys", (cloud.count + TILE,), np.uint64)
     runs = scratch("voxel runs", (8 * (cloud.count + TILE),), np.uint32)
     firsts = np.empty(0 if same else cloud.count + TILE, np.int32)
-    used, far = _runs(cloud.words, cloud.layout, cloud.colour, _scale(edges, bits), bits, keys, runs, firsts)
+    used, far, low, size = _runs(cloud.words, cloud.layout, cloud.colour, edges, bits, keys, runs, firsts)
     if far:
         bits = min(bits, _fineness_of_reach(cloud, edges, leaf))
-        used, _ = _runs(cloud.words, cloud.layout, cloud.colour, _scale(edges, bits), bits, keys, runs, firsts)
-    number, count = _numbered(keys[:used], cloud.words.nbytes)
+        used, _, low, size = _runs(cloud.words, cloud.layout, cloud.colour, edges, bits, keys, runs, firsts)
+    number, count = _numbered(keys[:used], low, size, cloud.words.nbytes)
     voxels, totals = scratch("voxels", (count,), np.uint64), scratch("voxel totals", (8 * count,), np.uint32)
     if _totals(number, keys, runs, voxels, totals) > _CROWD >> bits:
         totals = np.empty(8 * count, np.uint64)
         _totals(number, keys, runs, voxels, totals)
     averaged = room_for(points, count, out)[:, :count] if same else np.empty((1, count), packed)
-    step = edges.astype(np.float64) / 2.0**bits
-    _emit(voxels, totals, step, bits, record_words(averaged), colour is not None)
+    _emit(voxels, totals, edges, bits, record_words(averaged), cloud.colour >= 0)
     if same:
         return averaged
     lengths = runs.reshape(-1, 8)[:used, 3].astype(np.int64)
@@ -116,11 +120,6 @@ def _fineness_of_reach(cloud: Words, edges: NDArray[np.float32], leaf: float | t
     return math.floor(math.log2(_ROOM / farthest))
 
 
-def _scale(edges: NDArray[np.float32], bits: int) -> NDArray[np.float32]:
-    """Steps a metre (3,); a power of two times what PCL multiplies by, so that roundings are the same."""
-    return np.float32(1) / edges * np.float32(2**bits)
-
-
 def _with_fields(
     points: Points, averaged: Points, first: NDArray[np.int32], length: NDArray[np.int64], voxel: NDArray[np.uint32]
 ) -> Points:
@@ -146,21 +145,22 @@ def _runs(
     words: NDArray[np.float32],
     layout: Layout,
     colour: int,
-    scale: NDArray[np.float32],
+    edges: NDArray[np.float32],
     bits: int,
     keys: NDArray[np.uint64],
     runs: NDArray[np.uint32],
     firsts: NDArray[np.int32],
-) -> tuple[int, bool]:
+) -> tuple[int, bool, _Triple, _Triple]:
     """Find the runs of successive points that share a voxel.
 
-    Works on rows of four words a point, as a packed cloud has them: turning them into columns costs more than it helps.
+    Works on rows of four words a point, as a packed cloud has them. No part of an array is taken within the loop:
+    counting who refers to it would cost a tenth.
 
     Args:
         words: the cloud.
         layout: of the words.
         colour: word of the packed colour, -1 without.
-        scale: (3,) steps a metre.
+        edges: (3,) of a voxel, metres.
         bits: of the steps in a voxel.
         keys: (R,) gets the voxel of each run, x | y << 21 | z << 42, counted from -2^30 steps.
         runs: (R * 8,) gets the sums of the lower bits of x, y and z, the number of points, and the sums of blue, green,
@@ -168,32 +168,38 @@ def _runs(
         firsts: gets the first point of each run, if it has room for them.
 
     Returns:
-        How many runs there are; and whether a place is out of room: its point is left out like a hole.
+        How many runs there are; whether a place is out of room: its point is left out like a hole; the least number of
+        a voxel along each axis, and how many there are from it to the greatest.
     """
     count = len(words) // layout[0]
-    packed = layout[0] == 4 and layout[1] == 0 and layout[2] == 1 and layout[3] == 2 and (colour == 3 or colour < 0)
-    rows, scales = np.empty(4 * TILE, np.float32), np.zeros(4 * TILE, np.float32)
-    low, high = np.ones(4 * TILE, np.float32), np.ones(4 * TILE, np.float32)
-    for axis in range(3):
-        scales[axis::4], low[axis::4], high[axis::4] = scale[axis], -(2.0**31), 2.0**31 - 128
-    place, sums = np.empty(4 * TILE, np.int32), np.zeros(8 * (TILE + 1), np.int32)
+    in_rows = lies_packed(words, layout, 0) and (colour == 3 or colour < 0)
+    scale = np.float32(1) / edges * np.float32(2**bits)  # a power of two times PCL's, so that roundings are the same
+    rows = np.empty(4 * TILE, np.float32)
+    words_channels, rows_channels = words.view(np.uint8), rows.view(np.uint8)
+    inner, voxel = np.empty(4 * TILE, np.int32), np.empty(3 * TILE, np.int32)
     begins, marks = np.zeros(TILE, np.uint8), np.ones(TILE // 64 + 1, np.uint64)
+    eights, sums = begins.view(np.uint64), np.zeros(8 * (TILE + 1), np.int32)
     used, far = 0, False
     for start in range(0, count, TILE):
-        if packed and start + TILE <= count:
-            tile = words[4 * start : 4 * (start + TILE)]
+        direct = in_rows and start + TILE <= count
+        if direct:
+            _locate(words, np.uint64(4 * start), scale, bits, inner, voxel)
         else:
             _load_rows(words, layout, colour, start, rows)
-            tile = rows
-        _locate(tile, scales, low, high, place)
-        _mark_begins(place, np.int32(-1 << bits), begins)
-        holes = True
-        if _pack_marks(begins.view(np.uint64), marks) or min(place[0], place[1], place[2]) >= -_ROOM:
-            _running_sums(place, tile.view(np.uint8), sums)
-            used, holes = _append(place, sums, marks, start, bits, keys, runs, firsts, used)
-        if holes:
-            far |= _any_far(tile, scales)
-    return used, far
+            _locate(rows, np.uint64(0), scale, bits, inner, voxel)
+        _mark_begins(voxel, begins)
+        if _pack_marks(eights, marks) or min(voxel[0], voxel[TILE], voxel[2 * TILE]) >= -_ROOM:
+            if direct:
+                _running_sums(inner, words_channels, np.uint64(16 * start), sums)
+            else:
+                _running_sums(inner, rows_channels, np.uint64(0), sums)
+            used, odd = _append(voxel, sums, marks, start, bits, keys, runs, firsts, used)
+        else:
+            odd = voxel[0] != _NAN
+        if odd:
+            far |= _any_far(words, 4 * start, scale) if direct else _any_far(rows, 0, scale)
+    low, size = _box_of(keys[:used])
+    return used, far, low, size
 
 
 @njit(cache=True, nogil=True)
@@ -208,39 +214,63 @@ def _load_rows(words: NDArray[np.float32], layout: Layout, colour: int, start: i
 @njit(cache=True, nogil=True)
 def _locate(
     rows: NDArray[np.float32],
-    scales: NDArray[np.float32],
-    low: NDArray[np.float32],
-    high: NDArray[np.float32],
-    place: NDArray[np.int32],
+    at: Any,
+    scale: NDArray[np.float32],
+    bits: int,
+    inner: NDArray[np.int32],
+    voxel: NDArray[np.int32],
 ) -> None:
-    """The places of the points of a tile, in steps, between `low` and `high`; what is not a number becomes `low`."""
-    for k in range(4 * TILE):
-        steps = rows[k] * scales[k]
-        steps = steps if steps > low[k] else low[k]  # noqa: FURB136  max() would keep a NaN
-        steps = steps if steps < high[k] else high[k]  # noqa: FURB136
-        place[k] = np.int32(np.floor(steps))
+    """The places, in steps, of the points of a tile whose rows begin at word `at`.
+
+    Lower bits go to `inner`, in rows with a 1 as the fourth; the upper ones to `voxel`, in columns. What is out of room
+    or not a number stays so; an x that is not a number becomes `_NAN`, which no number does.
+
+    The fourth word chooses between two ones: of rows that are read in part the compiler would do the last ones of each
+    tile one by one. (Places are unsigned, because a signed one would be checked for counting from the end.)
+    """
+    low, high = np.float32(2.0**22 - 2.0**31), np.float32(2.0**31 - 128)
+    lowest = np.float32(_NAN)
+    within, beyond = np.int32((1 << bits) - 1), np.int32(-1 << bits)
+    one, same_one = np.int32(bits > 0), np.int32(bits > 1)
+    for i in range(np.uint64(TILE)):
+        k = np.uint64(4) * i
+        x, y, z = rows[at + k], rows[at + k + np.uint64(1)], rows[at + k + np.uint64(2)]
+        w = rows[at + k + np.uint64(3)]
+        x, y, z = x * scale[0], y * scale[1], z * scale[2]
+        x = low if x < low else x  # noqa: FURB136  a NaN stays
+        x = x if x > lowest else lowest  # noqa: FURB136  max() would keep a NaN
+        y = y if y > low else low  # noqa: FURB136
+        z = z if z > low else low  # noqa: FURB136
+        x, y, z = min(x, high), min(y, high), min(z, high)
+        a, b, c = np.int32(np.floor(x)), np.int32(np.floor(y)), np.int32(np.floor(z))
+        inner[k] = a & within
+        inner[k + np.uint64(1)] = b & within
+        inner[k + np.uint64(2)] = c & within
+        inner[k + np.uint64(3)] = one if w > low else same_one
+        voxel[i] = a & beyond
+        voxel[i + np.uint64(TILE)] = b & beyond
+        voxel[i + np.uint64(2 * TILE)] = c & beyond
 
 
 @njit(cache=True, nogil=True)
-def _any_far(rows: NDArray[np.float32], scales: NDArray[np.float32]) -> bool:
-    """Whether a coordinate of the tile is finite and out of room."""
+def _any_far(rows: NDArray[np.float32], at: int, scale: NDArray[np.float32]) -> bool:
+    """Whether a coordinate of the tile whose rows begin at word `at` is finite and out of room."""
     room, infinite, any_far = np.float32(_ROOM), np.float32(np.inf), False
-    for k in range(4 * TILE):
-        steps = abs(rows[k] * scales[k])
-        any_far |= (steps >= room) & (steps < infinite)
+    for i in range(TILE):
+        for axis in range(3):
+            steps = abs(rows[at + 4 * i + axis] * scale[axis])
+            any_far |= (steps >= room) & (steps < infinite)
     return any_far
 
 
 @njit(cache=True, nogil=True)
-def _mark_begins(place: NDArray[np.int32], voxel: Any, begins: NDArray[np.uint8]) -> None:
-    """1 for each point but the first whose voxel, the upper bits of its place, is not that of the point before."""
-    for i in range(1, TILE):
-        x, y, z = (
-            place[4 * i] ^ place[4 * i - 4],
-            place[4 * i + 1] ^ place[4 * i - 3],
-            place[4 * i + 2] ^ place[4 * i - 2],
-        )
-        begins[i] = np.uint8(1) if (x | y | z) & voxel else np.uint8(0)
+def _mark_begins(voxel: NDArray[np.int32], begins: NDArray[np.uint8]) -> None:
+    """1 for each point but the first whose voxel is not that of the point before."""
+    for i in range(np.uint64(1), np.uint64(TILE)):
+        x = voxel[i] ^ voxel[i - np.uint64(1)]
+        y = voxel[i + np.uint64(TILE)] ^ voxel[i + np.uint64(TILE - 1)]
+        z = voxel[i + np.uint64(2 * TILE)] ^ voxel[i + np.uint64(2 * TILE - 1)]
+        begins[i] = np.uint8(1) if x | y | z else np.uint8(0)
 
 
 @njit(cache=True, nogil=True)
@@ -257,19 +287,19 @@ def _pack_marks(eights: NDArray[np.uint64], marks: NDArray[np.uint64]) -> bool:
 
 
 @njit(cache=True, nogil=True)
-def _running_sums(place: NDArray[np.int32], channels: NDArray[np.uint8], sums: NDArray[np.int32]) -> None:
-    """Sums of all points before each, in rows of 8 words: x, y, z, anything, blue, green, red, alpha.
+def _running_sums(inner: NDArray[np.int32], channels: NDArray[np.uint8], at: Any, sums: NDArray[np.int32]) -> None:
+    """Sums of all points before each, in rows of 8 words: x, y, z within voxels, a count, blue, green, red, alpha.
 
-    They overflow, which does no harm, as the difference of two is again exact. The eight are added at once. (Unsigned,
-    because a signed index would be checked for counting from the end.)
+    They overflow, which does no harm, as the difference of two is again exact. The eight are added at once. The rows of
+    the tile begin at byte `at`.
     """
     x = y = z = w = blue = green = red = alpha = np.int32(0)
     for i in range(np.uint64(TILE)):
-        k, end, byte = np.uint64(4) * i, np.uint64(8) * i + np.uint64(8), np.uint64(16) * i + np.uint64(12)
-        x += place[k]
-        y += place[k + np.uint64(1)]
-        z += place[k + np.uint64(2)]
-        w += place[k + np.uint64(3)]
+        k, end, byte = np.uint64(4) * i, np.uint64(8) * i + np.uint64(8), at + np.uint64(16) * i + np.uint64(12)
+        x += inner[k]
+        y += inner[k + np.uint64(1)]
+        z += inner[k + np.uint64(2)]
+        w += inner[k + np.uint64(3)]
         blue += np.int32(channels[byte])
         green += np.int32(channels[byte + np.uint64(1)])
         red += np.int32(channels[byte + np.uint64(2)])
@@ -286,7 +316,7 @@ def _running_sums(place: NDArray[np.int32], channels: NDArray[np.uint8], sums: N
 
 @njit(cache=True, nogil=True)
 def _append(
-    place: NDArray[np.int32],
+    voxel: NDArray[np.int32],
     sums: NDArray[np.int32],
     marks: NDArray[np.uint64],
     start: int,
@@ -299,21 +329,20 @@ def _append(
     """Add the runs of a tile that are not holes to those of the cloud.
 
     Returns:
-        How many there are then; and whether some of the tile are holes.
+        How many there are then; and whether one is left out though its x is a number.
     """
-    shift, outside, room = np.uint32(bits), np.int32(-1 << bits), np.int32(_ROOM)
-    last, first, one, holes = np.uint64(used), np.uint64(0), np.uint64(1), np.uint64(0)
+    shift, room = np.uint32(bits), np.int32(_ROOM)
+    last, first, one, odd = np.uint64(used), np.uint64(0), np.uint64(1), np.uint64(0)
     for group in range(np.uint64(len(marks))):
         begins = marks[group]
         while begins:
             end = np.uint64(64) * group + _ones((begins - one) & ~begins)  # the lowest that is set
             begins &= begins - one
-            k, a, b, n = np.uint64(4) * first, np.uint64(8) * first, np.uint64(8) * end, np.int32(end - first)
-            x, y, z, w = place[k], place[k + np.uint64(1)], place[k + np.uint64(2)], place[k + np.uint64(3)]
-            dx = sums[b] - sums[a] - np.int32(n * np.int32(x & outside))
-            dy = sums[b + np.uint64(1)] - sums[a + np.uint64(1)] - np.int32(n * np.int32(y & outside))
-            dz = sums[b + np.uint64(2)] - sums[a + np.uint64(2)] - np.int32(n * np.int32(z & outside))
-            points = sums[b + np.uint64(3)] - sums[a + np.uint64(3)] - np.int32(n * np.int32(w & outside))
+            a, b = np.uint64(8) * first, np.uint64(8) * end
+            dx = sums[b] - sums[a]
+            dy = sums[b + np.uint64(1)] - sums[a + np.uint64(1)]
+            dz = sums[b + np.uint64(2)] - sums[a + np.uint64(2)]
+            points = sums[b + np.uint64(3)] - sums[a + np.uint64(3)]
             blue = sums[b + np.uint64(4)] - sums[a + np.uint64(4)]
             green = sums[b + np.uint64(5)] - sums[a + np.uint64(5)]
             red = sums[b + np.uint64(6)] - sums[a + np.uint64(6)]
@@ -327,22 +356,23 @@ def _append(
             runs[at + np.uint64(5)] = green
             runs[at + np.uint64(6)] = red
             runs[at + np.uint64(7)] = alpha
-            place_x, place_y, place_z = np.uint32(x + room), np.uint32(y + room), np.uint32(z + room)
+            x, y, z = voxel[first], voxel[first + np.uint64(TILE)], voxel[first + np.uint64(2 * TILE)]
+            from_x, from_y, from_z = np.uint32(x + room), np.uint32(y + room), np.uint32(z + room)
             keys[last] = (
-                np.uint64(place_x >> shift)
-                | (np.uint64(place_y >> shift) << np.uint64(21))
-                | (np.uint64(place_z >> shift) << np.uint64(42))
+                np.uint64(from_x >> shift)
+                | (np.uint64(from_y >> shift) << np.uint64(21))
+                | (np.uint64(from_z >> shift) << np.uint64(42))
             )
             if len(firsts):
                 firsts[last] = start + first
-            hole = (place_x | place_y | place_z) >> np.uint32(31)
-            holes |= hole
+            hole = np.uint64((from_x | from_y | from_z) >> np.uint32(31))
+            odd |= hole & np.uint64(x != _NAN)
             last += one - hole
             first = end
-    return np.int64(last), holes != 0  # type: ignore[return-value]  # int() would keep it unsigned
+    return np.int64(last), odd != 0  # type: ignore[return-value]  # int() would keep it unsigned
 
 
-def _numbered(keys: NDArray[np.uint64], room: int) -> tuple[NDArray[np.uint32], int]:
+def _numbered(keys: NDArray[np.uint64], low: _Triple, size: _Triple, room: int) -> tuple[NDArray[np.uint32], int]:
     """Number of each run's voxel among the occupied ones in order, uint32 (R,), and how many are occupied.
 
     A map of one bit a voxel is used while it takes at most `room` bytes; a wider cloud is sorted instead.
@@ -350,12 +380,11 @@ def _numbered(keys: NDArray[np.uint64], room: int) -> tuple[NDArray[np.uint32], 
     number = scratch("voxel numbers", (len(keys),), np.uint32)
     if len(keys) == 0:
         return number, 0
-    low, high = _box_of(keys)
-    size = high - low + 1
-    if math.prod(float(edge) for edge in size.tolist()) > min(8.0 * max(room, 2**20), 2.0**31 - 64):
+    box = math.prod(size)
+    if box > min(8 * max(room, 2**20), 2**31 - 64):
         voxel, number[:] = np.unique(keys, return_inverse=True)
         return number, len(voxel)
-    length = int(size.prod()) // 64 + 1
+    length = box // 64 + 1
     occupied = scratch("voxel map", (length,), np.uint64, zeroed=True)
     before = scratch("voxel ranks", (length,), np.uint32)
     touched = scratch("voxel parts", (length // 64 + 1,), np.uint8, zeroed=True)
@@ -363,8 +392,8 @@ def _numbered(keys: NDArray[np.uint64], room: int) -> tuple[NDArray[np.uint32], 
 
 
 @njit(cache=True, nogil=True)
-def _box_of(keys: NDArray[np.uint64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """The least and greatest numbers of voxels along each axis, (3,) each."""
+def _box_of(keys: NDArray[np.uint64]) -> tuple[_Triple, _Triple]:
+    """The least number of a voxel along each axis, and how many there are from it to the greatest."""
     axis = np.uint64(2 * _REACH - 1)
     low_x = low_y = low_z = np.uint32(0xFFFFFFFF)
     high_x = high_y = high_z = np.uint32(0)
@@ -373,16 +402,16 @@ def _box_of(keys: NDArray[np.uint64]) -> tuple[NDArray[np.int64], NDArray[np.int
         x, y, z = np.uint32(key & axis), np.uint32((key >> np.uint64(21)) & axis), np.uint32(key >> np.uint64(42))
         low_x, low_y, low_z = min(low_x, x), min(low_y, y), min(low_z, z)
         high_x, high_y, high_z = max(high_x, x), max(high_y, y), max(high_z, z)
-    low, high = np.empty(3, np.int64), np.empty(3, np.int64)
-    low[0], low[1], low[2], high[0], high[1], high[2] = low_x, low_y, low_z, high_x, high_y, high_z
-    return low, high
+    low = (np.int64(low_x), np.int64(low_y), np.int64(low_z))
+    high = (np.int64(high_x), np.int64(high_y), np.int64(high_z))
+    return low, (high[0] - low[0] + 1, high[1] - low[1] + 1, high[2] - low[2] + 1)  # type: ignore[return-value]
 
 
 @njit(cache=True, nogil=True)
 def _number_by_map(
     keys: NDArray[np.uint64],
-    low: NDArray[np.int64],
-    size: NDArray[np.int64],
+    low: _Triple,
+    size: _Triple,
     number: NDArray[np.uint32],
     occupied: NDArray[np.uint64],
     before: NDArray[np.uint32],
@@ -479,17 +508,17 @@ def _totals(
 def _emit(
     keys: NDArray[np.uint64],
     totals: NDArray[Any],
-    step: NDArray[np.float64],
+    edges: NDArray[np.float32],
     bits: int,
     words: NDArray[np.float32],
     coloured: bool,
 ) -> None:
-    """Write the averages, one voxel after the other, into 16-byte points; `step` in metres (3,)."""
+    """Write the averages, one voxel after the other, into 16-byte points."""
     tiny = 2.0**-34  # lifts a quotient that rounding left just below a whole number; others lie 1 / points below it
     origin = _ROOM - 0.5  # a place was cut off to the step below
     whole = 2.0**bits
     channels, colours = words.view(np.uint8), words.view(np.uint32)
-    sx, sy, sz = step[0], step[1], step[2]
+    sx, sy, sz = edges[0] / whole, edges[1] / whole, edges[2] / whole  # metres a step
     axis = np.uint64(2 * _REACH - 1)
     for i in range(np.uint64(len(keys))):
         key, k = keys[i], np.uint64(8) * i

@@ -62,8 +62,10 @@ def words_of(cloud: Points | NDArray[np.floating[Any]]) -> Words:
     layout, colour = _layout(points.dtype)
     height, width = points.shape if points.ndim == 2 else (1, len(points))
     if layout[0]:
-        whole = np.dtype((np.void, points.dtype.itemsize))  # numpy copies a record with fields one field at a time
-        words = record_words(np.ascontiguousarray(points.view(whole)).view(points.dtype))
+        if not points.flags.c_contiguous:
+            whole = np.dtype((np.void, points.dtype.itemsize))  # numpy copies a record with fields one field at a time
+            points = np.ascontiguousarray(points.view(whole)).view(points.dtype)
+        words = record_words(points)
         if words.flags.aligned:
             return Words(words, layout, colour, (height, width))
     points = _packed(points, colour_field(points))
