@@ -36,7 +36,7 @@ __all__ = ["ZenohLink", "open_link", "open_router"]
 
 log = logging.getLogger(__name__)
 
-_SHARED_FROM = 64 * 1024  # smaller payloads travel faster inside a message than as a reference to shared memory
+_SHARED_FROM = 32 * 1024  # smaller payloads travel faster inside a message than as a reference to shared memory
 _OPEN_MS = 2000  # a call that takes longer is given up and tried anew: TCP would call ever less often by itself
 _LEASE_MS = 1000  # a silent link counts as cut after this long
 _NOBODY = "Unable to connect to any of"  # Zenoh's words for no answer; they repeat the endpoints
