@@ -9,9 +9,8 @@ from __future__ import annotations
 import struct
 from typing import TYPE_CHECKING, Any, Self
 
-from zsight_protocol.message import Header, Message, Time
-
 if TYPE_CHECKING:
+    from zsight_protocol.message import Header, Message
     from zsight_protocol.point_cloud import Buffer
 
 __all__ = ["KnownHead"]
@@ -27,7 +26,8 @@ class KnownHead:
         """Args: first byte; bytes from behind the stamp to the blob; message, of which the blob is forgotten."""
         self._size = size
         self._rest = rest
-        self._message = message.model_copy(update={"data": b""})
+        self._message = message.but(data=b"")
+        self._header = _header_of(message)
         self._fields = _fields_of(message)
         self._blob_bytes = len(_data_of(message))
 
@@ -56,8 +56,8 @@ class KnownHead:
         as_known = (size, first, second) == (self._size, _FIRST, _SECOND)
         if not as_known or payload[_STAMP.size : blob_from] != self._rest or sec >= 2**31 or nanosec >= 10**9:
             return None
-        header = Header(stamp=Time(sec=sec, nanosec=nanosec), frame_id=_header_of(self._message).frame_id)
-        return self._message.model_copy(update={"header": header, "data": payload[blob_from:]})
+        header = self._header.but(stamp=self._header.stamp.but(sec=sec, nanosec=nanosec))
+        return self._message.but(header=header, data=payload[blob_from:])
 
 
 def _header_of(message: Message) -> Header:

@@ -31,6 +31,7 @@ __all__ = ["Settings", "run"]
 
 log = logging.getLogger(__name__)
 
+_NOT_YET = Time()  # stamp of a cloud that waits for its time
 _LOOK = 0.1  # seconds between two looks at the rate while the next cloud waits for its time
 
 
@@ -80,13 +81,13 @@ def run(bus: Bus, settings: Settings) -> None:
     if source.transforms is not None:
         transforms.send(source.transforms)
     pose = settings.pose
-    clouds = _stream(source, settings)
+    clouds = (cloud_from_points(points, _NOT_YET, source.frame_id) for points in _stream(source, settings))
     bus.ready()
-    for points in _paced(clouds, lambda: settings.rate or source.rate, bus):
+    for cloud in _paced(clouds, lambda: settings.rate or source.rate, bus):
         if settings.pose != pose:
             pose = settings.pose
             _move(source, pose, settings.world_frame, transforms)
-        writer.send(cloud_from_points(points, Time.now(), source.frame_id))
+        writer.send(cloud.but(header=cloud.header.but(stamp=Time.now())))
 
 
 def _move(source: Source, pose: str, world_frame: str, writer: Writer[TransformList]) -> None:
@@ -122,14 +123,14 @@ def _stream(source: Source, settings: Settings) -> Iterator[Points]:
             return
 
 
-def _paced(clouds: Iterator[Points], rate: Callable[[], float], bus: Bus) -> Iterator[Points]:
+def _paced(clouds: Iterator[PointCloud2], rate: Callable[[], float], bus: Bus) -> Iterator[PointCloud2]:
     """Each cloud at its time; a cloud that took too long shifts those behind it instead of crowding them."""
     last = -math.inf
-    for points in clouds:
+    for cloud in clouds:
         while (left := last + 1 / rate() - time.monotonic()) > 0 and not bus.stopping.wait(min(left, _LOOK)):
             pass  # the rate may have changed meanwhile
         if bus.stopping.is_set():
             return
         now, gap = time.monotonic(), 1 / rate()
         last = last + gap if now - last < 2 * gap else now
-        yield points
+        yield cloud

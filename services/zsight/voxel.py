@@ -58,4 +58,4 @@ def downsample(cloud: PointCloud2, leaf: float) -> PointCloud2 | None:
     if averaged.size == 0:
         log.warning("cloud of %s at %d ns left out: no finite point", cloud.header.frame_id, cloud.header.stamp.ns)
         return None
-    return cloud_from_points(averaged, cloud.header.stamp, cloud.header.frame_id)
+    return cloud_from_points(averaged, cloud.header.stamp, cloud.header.frame_id, is_dense=True)

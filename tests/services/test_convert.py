@@ -13,11 +13,11 @@ from tests.protocol.legal_messages import clouds, quaternions
 
 from zsight.convert import cloud_from_points, matrix_of, points_of, pose_of, stamped
 from zsight.errors import UsageError
-from zsight_core.points import XYZRGB, from_xyz, xyz
+from zsight_core.points import XYZ, XYZRGB, from_xyz, xyz
 from zsight_core.transform import angle_between, from_rpy
 from zsight_protocol.codec import decode, encode
 from zsight_protocol.geometry import Point, Pose, Quaternion
-from zsight_protocol.message import Time
+from zsight_protocol.message import Header, Time
 from zsight_protocol.point_cloud import Datatype, PointCloud2
 
 STAMP = Time(sec=1, nanosec=2)
@@ -82,6 +82,32 @@ def test_nothing_is_copied() -> None:
     cloud = cloud_from_points(points, STAMP, "camera")
     assert np.shares_memory(np.frombuffer(cloud.data, np.uint8), points)
     assert np.shares_memory(points_of(cloud), points)
+
+
+def test_points_that_fill_bytes_travel_as_those_bytes() -> None:
+    whole = from_xyz(np.arange(60.0).reshape(4, 5, 3)).tobytes()
+    points = np.frombuffer(whole, XYZ).reshape(4, 5)
+    assert cloud_from_points(points, STAMP, "camera").data is whole
+    for part in (points[1:], points[::-1], points[:, ::2], points[:, ::-1]):
+        back = points_of(decode(PointCloud2, encode(cloud_from_points(part, STAMP, "camera"))))
+        np.testing.assert_array_equal(xyz(back), xyz(part))
+
+
+def test_who_knows_that_a_cloud_is_dense_says_so() -> None:
+    points = from_xyz(np.ones((2, 3, 3)))
+    assert [cloud_from_points(points, STAMP, "camera", is_dense=said).is_dense for said in (None, True, False)] == [
+        True, True, False,
+    ]  # fmt: skip
+
+
+def test_a_frame_is_that_of_its_own_cloud() -> None:
+    points = from_xyz(np.ones((2, 3, 3)))
+    for frame in ("left", "right", "left"):
+        cloud = cloud_from_points(points, STAMP, frame)
+        assert cloud.header == Header(stamp=STAMP, frame_id=frame)
+        assert decode(PointCloud2, encode(cloud)) == cloud
+    with pytest.raises(ValueError, match="frame_id"):
+        cloud_from_points(points, STAMP, "x" * 257)
 
 
 def test_of_a_part_of_a_cloud_only_its_numbers_are_sent() -> None:

@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from zsight.convert import matrix_of
+from zsight.convert import cloud_from_points, matrix_of
 from zsight.errors import UsageError
 from zsight.sources import open_source, pose_matrix
 from zsight_core import pcd, ply
 from zsight_core.errors import FileError
 from zsight_core.points import colours, from_xyz, xyz
 from zsight_core.transform import from_quaternion
+from zsight_protocol.message import Time
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -215,3 +216,13 @@ def test_what_is_not_there_is_named(tmp_path: Path, name: str, words: str) -> No
 def test_an_empty_folder_is_refused(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="holds nothing to publish; expected"):
         open_source(str(tmp_path), frame="camera")
+
+
+def test_one_file_is_read_once_and_stays_in_bytes(tmp_path: Path) -> None:
+    points = from_xyz(np.arange(60.0).reshape(4, 5, 3))
+    pcd.write(tmp_path / "one.pcd", points)
+    source = open_source(str(tmp_path / "one.pcd"), frame="eye")
+    first, second = next(source.clouds()), next(source.clouds())
+    assert first is second
+    assert isinstance(cloud_from_points(first, Time(), "eye").data, bytes)
+    np.testing.assert_array_equal(xyz(first), xyz(points))

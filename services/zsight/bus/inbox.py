@@ -110,7 +110,7 @@ class Inbox:
         if self._delivery is not Delivery.LATEST or arrived.attachment is None:
             return False
         delay = self._counter.delay_ns(arrived.attachment, time.time_ns())
-        return delay > max(_STALE_NS, 3 * self._period_ns(arrived) // 2)
+        return delay > _STALE_NS and delay > 3 * self._period_ns(arrived) // 2
 
     def _period_ns(self, arrived: Arrived) -> int:
         return self._counter.period_ns(arrived.attachment) if arrived.attachment is not None else 0

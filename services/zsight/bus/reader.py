@@ -66,7 +66,8 @@ class Reader(Generic[M]):
         self._kind = kind
         self._delivery = delivery
         self._pending = Inbox(delivery, counter)
-        self._changed = threading.Condition()
+        self._lock = threading.RLock()  # a signal that stops the bus may come while it is held
+        self._changed = threading.Condition(self._lock)
         self._stopping = stopping
         self._tell_closed = closed
         self._closed = False
@@ -85,15 +86,15 @@ class Reader(Generic[M]):
         # What may queue must not hold the writer's shared memory meanwhile.
         queues = self._delivery is Delivery.EVERY and sample.size <= limits.MESSAGE_BYTES
         payload = sample.take() if queues else None
-        with self._changed:
+        with self._lock:
             if self._is_over():
                 return
             missing = self.counter.arrived(attachment, now)
-            if missing and self._delivery is Delivery.EVERY:
-                log.warning("%d messages on %s were lost on the way", missing, sample.key)
             self._pending.put(Arrived(sample, sample.key, payload, attachment, now, missing))
             self._came += 1
             self._changed.notify_all()
+        if missing and self._delivery is Delivery.EVERY:
+            log.warning("%d messages on %s were lost on the way", missing, sample.key)
 
     def take(self, timeout: float | None = None) -> Received[M] | None:
         """The next message; none when timeout seconds have passed, or the bus stops.
@@ -109,7 +110,7 @@ class Reader(Generic[M]):
 
     def caught_up(self, timeout: float) -> bool:
         """Wait until whoever takes messages is done with all that have come so far; false where that takes too long."""
-        with self._changed:
+        with self._lock:
             came = self._came
             return self._changed.wait_for(lambda: self._done() >= came or self._is_over(), timeout)
 
@@ -117,7 +118,7 @@ class Reader(Generic[M]):
         return self._came - len(self._pending) - self._in_hand
 
     def _next(self, deadline: float | None) -> Arrived | None:
-        with self._changed:
+        with self._lock:
             if self._in_hand:
                 self._in_hand = False
                 self._changed.notify_all()
@@ -138,7 +139,7 @@ class Reader(Generic[M]):
 
     def _is_overtaken(self, arrived: Arrived) -> bool:
         """True where the process stood still while it took a message, and a newer one has come since."""
-        with self._changed:
+        with self._lock:
             while not self._is_over() and not len(self._pending):
                 patience = self._pending.patience(arrived)
                 if not patience:
@@ -182,7 +183,7 @@ class Reader(Generic[M]):
 
     def wake(self) -> None:
         """Let waiting threads look whether the bus is stopping."""
-        with self._changed:
+        with self._lock:
             self._changed.notify_all()
 
     def close(self) -> None:

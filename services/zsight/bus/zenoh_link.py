@@ -36,7 +36,7 @@ __all__ = ["ZenohLink", "open_link", "open_router"]
 
 log = logging.getLogger(__name__)
 
-_SHARED_FROM = 64 * 1024  # smaller payloads travel faster inside a message than as a reference to shared memory
+_SHARED_FROM = 32 * 1024  # smaller payloads travel faster inside a message than as a reference to shared memory
 _OPEN_MS = 2000  # a call that takes longer is given up and tried anew: TCP would call ever less often by itself
 _LEASE_MS = 1000  # a silent link counts as cut after this long
 _NOBODY = "Unable to connect to any of"  # Zenoh's words for no answer; they repeat the endpoints
@@ -306,11 +306,18 @@ class _ZenohWriter:
         self._publisher = publisher
         self._matching = matching
         self._ring = ring
+        self._is_read = False
+        # Zenoh tells of a change, and at once where somebody reads already; to ask before each cloud takes longer.
+        told: Any = handlers.Callback(self._matched, indirect=False)
+        self._listener = matching.declare_matching_listener(told)
+
+    def _matched(self, status: zenoh.MatchingStatus) -> None:
+        self._is_read = status.matching
 
     def put(self, head: bytes, blob: Buffer, attachment: bytes) -> None:
         payload: bytes | zenoh.ZBytes | None = None
         if self._ring is not None and len(head) + len(blob) >= _SHARED_FROM:
-            if not self.has_readers():
+            if not self._is_read:
                 return
             payload = self._ring.payload(head, blob)
         if payload is None:
@@ -321,9 +328,10 @@ class _ZenohWriter:
             os.sched_yield()
 
     def has_readers(self) -> bool:
-        return bool(self._matching.matching_status.matching)
+        return self._is_read
 
     def close(self) -> None:
+        self._listener.undeclare()
         self._publisher.undeclare()
         if self._matching is not self._publisher:
             self._matching.undeclare()
