@@ -7,6 +7,7 @@ import os
 import signal
 import socket
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -213,6 +214,16 @@ def test_a_cell_in_the_background_is_stopped_by_down(cell: Cell) -> None:
     assert leftovers(nodes, set()) == []
     assert not cell.is_listening()
     assert cell.run("down").code == 3
+
+
+def test_of_two_starts_at_once_one_is_told_that_the_cell_is_up(cell: Cell) -> None:
+    (cell.folder / "cell.toml").write_text("[process.router]\n")
+    with ThreadPoolExecutor() as threads:
+        starts = [threads.submit(cell.run, "up", cell.folder / "cell.toml", "--detach") for _ in range(2)]
+        ended = sorted((start.result(DEADLINE) for start in starts), key=lambda one: one.code)
+    assert [one.code for one in ended] == [0, 3]
+    assert "is up already" in ended[1].err
+    assert cell.run("down").code == 0
 
 
 def test_a_killed_supervisor_takes_its_processes_along(cell: Cell) -> None:
