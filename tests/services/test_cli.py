@@ -210,6 +210,25 @@ def test_bad_files_are_named(zsight: Zsight, tmp_path: Path, command: list[str],
     assert "bad.pcd" in ended.err
 
 
+@pytest.mark.parametrize(
+    ("command", "advice"),
+    [
+        (["calibrate", "level", "BOOK", "-o", "nowhere/pose.toml"], "see whether it and its folder are there"),
+        (["keys", "init", "localhost", "--folder", "file/keys"], "see whether its folder is one"),
+    ],
+    ids=["missing", "file"],
+)
+def test_what_the_system_refuses_is_named(
+    zsight: Zsight, book: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: list[str], advice: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("file").touch()
+    ended = zsight(*(book if argument == "BOOK" else argument for argument in command))
+    assert ended.code == 2
+    assert ended.err.endswith(f": {advice}\n")
+    assert command[-1].split("/")[0] in ended.err
+
+
 def test_a_cloud_of_holes_is_said(zsight: Zsight, tmp_path: Path) -> None:
     path = tmp_path / "holes.pcd"
     pcd.write(path, from_xyz(np.full((4, 5, 3), np.nan)))
@@ -452,7 +471,7 @@ def test_ctrl_c_cancels_this_goal_and_no_other(
         raise KeyboardInterrupt
 
     monkeypatch.setattr(GoalCall, "wait", interrupted)
-    assert zsight("find", "cube").code == 5
+    assert zsight("find", "cube").code == 130
     assert served.runs == sent
     client = CellClient(join_cell())
     assert soon(lambda: [update.state.name for update in client.results(sent[0])] == ["CANCELLED"])
