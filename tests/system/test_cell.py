@@ -185,6 +185,27 @@ def test_a_killed_service_is_seen_told_and_started_again(running: tuple[Cell, Co
     assert set(whole) == set(up.children())
 
 
+def test_a_service_that_hangs_is_told(cell: Cell) -> None:
+    (cell.folder / "cell.toml").write_text('[process.router]\n[process.camera]\nsource = "ellipse"\n')
+    with cell.up(cell.folder / "cell.toml") as up:
+
+        def state() -> object:
+            rows = cell.run("up", "--hosts", "--json").json["processes"]
+            return next(row["state"] for row in rows if row["process"] == "camera")
+
+        hung = up.children()["camera"]
+        assert state() == "running"
+        os.kill(hung, signal.SIGSTOP)
+        try:
+            assert soon(lambda: state() == "silent", DEADLINE)
+            told = cell.run("doctor")
+            assert told.code == 1
+            assert f"failed   process here/camera: pid {hung} runs and does not answer" in told.out
+        finally:
+            os.kill(hung, signal.SIGCONT)
+        assert soon(lambda: state() == "running", DEADLINE)
+
+
 # Stopped.
 
 
