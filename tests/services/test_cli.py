@@ -21,10 +21,10 @@ from zsight.action.server import ActionServer, Policy
 from zsight.bus import Bus
 from zsight.bus.zenoh_link import open_link
 from zsight.client import CellClient
-from zsight.sources import open_source
+from zsight.sources import open_source, viewpoint_matrix
 from zsight_core import pcd
 from zsight_core.points import colours, from_xyz, xyz
-from zsight_core.transform import from_quaternion
+from zsight_core.transform import from_quaternion, transform_xyz
 from zsight_protocol.channels import Cell
 from zsight_protocol.find_object import FindObjectGoal
 from zsight_protocol.geometry import TransformList
@@ -287,6 +287,18 @@ def test_plane(zsight: Zsight, book: Path, tmp_path: Path) -> None:
     assert (ended.code, "leaves the image; expected pixels 0 0 to 639 479" in ended.err) == (2, True)
 
 
+def test_a_plane_is_written_whole_or_not_at_all(zsight: Zsight, book: Path, tmp_path: Path) -> None:
+    out, above = tmp_path / "plane.pcd", tmp_path / "above.pcd"
+    above.write_text("mine")
+    patch = ("plane", book, "--patch", 350, 250, 450, 300)
+    ended = zsight(*patch, "-o", out, "--above", above)
+    assert (ended.code, out.exists(), above.read_text()) == (2, False, "mine")
+    assert "above.pcd is there already" in ended.err
+    ended = zsight(*patch, "-o", out, "--above", tmp_path / "." / out.name, "--force")
+    assert (ended.code, out.exists()) == (2, False)
+    assert "name two files" in ended.err
+
+
 def test_an_ellipse_comes_back_in_its_colours(zsight: Zsight, tmp_path: Path) -> None:
     for name, option in (("a.pcd", "--ascii"), ("b.pcd", "--compressed"), ("c.ply", "--ascii")):
         assert zsight("cloud", "ellipse", "-o", tmp_path / name, option).code == 0
@@ -311,6 +323,28 @@ def test_filters(zsight: Zsight, book: Path, tmp_path: Path) -> None:
     assert len(kept) == ended.json["points_out"] > 1000
     assert ((kept >= (0.3, -0.5, 0.78)) & (kept <= (0.7, -0.2, 0.9))).all()
     assert zsight("cloud", "filter", book, "-o", out, "--pass-through", "q", 0, 1, "--force").code == 2
+
+
+def test_a_cloud_that_is_moved_into_another_frame_stays_where_it_is_in_the_world(
+    zsight: Zsight, book: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "moved.pcd"
+    ended = zsight("cloud", "filter", book, "-o", out, "--transform", "1 2 3 0.5 0.5 0.5 0.5", "--json")
+    assert (ended.code, ended.json["points_out"]) == (0, ended.json["points_in"])
+    before, after = (pcd.read(path) for path in (book, out))
+    assert np.nanmax(np.abs(xyz(before.points) - xyz(after.points))) > 1.0
+    was, is_now = (transform_xyz(viewpoint_matrix(file.viewpoint), xyz(file.points)) for file in (before, after))
+    np.testing.assert_allclose(is_now, was, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    "options", [("--colour", 300, 0, 0), ("--colour", 0, 0, -1), ("--colour", 9, 9, 9, "--colour-tolerance", 256)]
+)
+def test_colours_are_of_eight_bits(zsight: Zsight, book: Path, tmp_path: Path, options: tuple[Any, ...]) -> None:
+    ended = zsight("cloud", "filter", book, "-o", tmp_path / "out.pcd", *options)
+    assert ended.code == 2
+    assert "255" in ended.err
+    assert not (tmp_path / "out.pcd").exists()
 
 
 def test_table(zsight: Zsight, book: Path) -> None:
