@@ -115,6 +115,8 @@ def _config(network: Network, mode: str) -> zenoh.Config:
         settings["connect/endpoints"] = list(network.connect)
         settings["connect/timeout_ms"] = 0
     settings["connect/retry"] = {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 2}
+    if network.config_file and not Path(network.config_file).is_file():
+        raise UsageError(f"ZENOH_CONFIG names {network.config_file}, and there is no such file")
     try:
         config = zenoh.Config.from_file(network.config_file) if network.config_file else zenoh.Config()
         for key, value in settings.items():

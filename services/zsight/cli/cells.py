@@ -18,7 +18,7 @@ from zsight.cli.options import Connect, Json, Namespace, Open, network_of
 from zsight.cli.output import print_json, print_table, say
 from zsight.cli.running import require_warm
 from zsight.errors import ConnectionLost, NobodyAnswers, UsageError, ZsightError
-from zsight.network import endpoints_of
+from zsight.network import endpoints_given
 
 if TYPE_CHECKING:
     from zsight.hosts.cell_file import CellFile
@@ -122,10 +122,10 @@ def _network(table: CellFile, connect: str | None, namespace: str | None, listen
     network = replace(network, namespace=namespace or table.namespace or network.namespace)
     if table.connect:
         network = replace(network, connect=table.connect)
-    if listen or table.listen:
-        endpoints = endpoints_of(listen) if listen else table.listen or ()
+    if listen is not None or table.listen:
+        endpoints = endpoints_given(listen, "--listen") if listen is not None else table.listen or ()
         network = replace(network, listen=endpoints, connect=tuple(_reachable(e) for e in endpoints[:1]))
-    return network if connect is None else replace(network, connect=endpoints_of(connect))
+    return network if connect is None else replace(network, connect=endpoints_given(connect, "--connect"))
 
 
 def _reachable(endpoint: str) -> str:
