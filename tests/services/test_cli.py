@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from tests.services.gated_work import Gated
 from tests.services.running import running
+from tests.services.told_health import tell_health
 from tests.services.waiting import DEADLINE, known, soon
 
 from zsight import camera, cli, finder, planes, voxel
@@ -21,6 +22,8 @@ from zsight.action.server import ActionServer, Policy
 from zsight.bus import Bus
 from zsight.bus.zenoh_link import open_link
 from zsight.client import CellClient
+from zsight.log_book import LogBook
+from zsight.parameters import Parameters, Saved, serve_parameters
 from zsight.sources import open_source, viewpoint_matrix
 from zsight_core import pcd
 from zsight_core.points import colours, from_xyz, xyz
@@ -447,6 +450,32 @@ def test_a_goal_that_cannot_be_said_is_refused(zsight: Zsight, served: Gated, ar
     assert served.runs == []
 
 
+def test_a_process_that_is_not_there_has_no_logs(zsight: Zsight, join_cell: Any) -> None:
+    process = join_cell()
+    with LogBook("here", "eye").on(process):
+        tell_health(process, "eye")
+        assert soon(lambda: zsight("logs", "eye").code == 0)
+        ended = zsight("logs", "nope")
+        assert (ended.code, ended.out, ended.err) == (
+            3,
+            "",
+            "zsight: no process nope is there; see: zsight node list\n",
+        )
+
+
+def test_a_setting_is_set_to_nothing_as_it_is_shown(
+    zsight: Zsight, join_cell: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+    process, settings = join_cell(), camera.Settings(rate=15, pose=POSE)
+    serve_parameters(process, "here", "eye", "camera", Parameters(settings, Saved(process.cell.namespace, "eye")))
+    assert soon(lambda: zsight("param", "get", "eye", "rate").out == "15.0\n")
+    for name in ("rate", "pose"):
+        assert zsight("param", "set", "eye", name, "-").code == 0
+        assert zsight("param", "get", "eye", name).out == "-\n"
+    assert (settings.rate, settings.pose) == (None, "")
+
+
 def test_find_refused(zsight: Zsight, served: Gated) -> None:
     del served
     assert zsight("find", "unknown", "--json").code == 2
@@ -531,6 +560,9 @@ def test_a_running_cell_through_every_command(
         assert zsight("find", "toy_block", "--frame", "kinect_pc_frame", "--json").json["frame_id"] == "kinect_pc_frame"
         assert zsight("find", "mug", "--json").code == 1
         assert zsight("find", "toy_blok").code == 2
+        for goal, code in (("mug", 2), ("01234567-89ab-cdef-0123-456789abcdef", 1)):
+            ended = zsight("why", goal)
+            assert (ended.code, f"no goal is called {goal}" in ended.err) == (code, True)
         _snapshots(zsight, points)
         _topics(zsight, points)
         _catalogue(zsight, tmp_path)
@@ -582,6 +614,11 @@ def _topics(zsight: Zsight, points: str) -> None:
     assert 5 < hz["hz"] < 100
     assert zsight("topic", "bw", points, "--count", 2, "--json").json["bytes"] > 2 * 640 * 480 * 16
     (cloud,) = [json.loads(line) for line in zsight("topic", "echo", points, "--count", 1, "--json").out.splitlines()]
+    once = zsight("topic", "hz", points, "--count", 1, "--json").json
+    assert (once["messages"], once["hz"]) == (1, None)
+    assert zsight("topic", "bw", points, "--count", 1, "--json").json["bytes_per_second"] is None
+    for what in ("hz", "bw"):
+        assert zsight("topic", what, points, "--count", 1).err.startswith("one message has no rate, ")
     assert (cloud["width"], cloud["data"]) == (640, f"<{640 * 480 * 16} bytes>")
     assert "frame_id: kinect_pc_frame" in zsight("topic", "echo", points, "--count", 1).out
     assert zsight("topic", "echo", "elsewhere/points").code == 2
