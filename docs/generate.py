@@ -57,7 +57,8 @@ variables below are those of a process that bears its service's name. `-` stands
 `zsight param set PROCESS SETTING VALUE` changes those marked *yes* below from the next cloud, patch or goal on. The
 others are read at the start: `--save` keeps a value for the next one, in
 `~/.config/zsight/saved/NAMESPACE/PROCESS.json` on the process's own host. A value out of range is refused, whatever it
-comes from. The same from a program: `cell.parameters` of [the client](../client.md).
+comes from; `-` is no value, as `param list` shows it. The same from a program: `cell.parameters` of
+[the client](../client.md).
 
 This page is made from the code by `python docs/generate.py`.
 """

@@ -24,12 +24,13 @@ class Crash(Message):
 class ProcessReport(Message):
     """A process of the table: ``starting`` until it is ready, ``waiting`` for its next start, ``ended`` for good.
 
-    ``starts`` counts its starts; ``pid`` is 0 while it does not run.
+    In between it is ``running``, or ``silent`` where nothing is heard of it any more though it runs. ``starts`` counts
+    its starts; ``pid`` is 0 while it does not run.
     """
 
     process: str
     service: str
-    state: Annotated[str, StringConstraints(pattern=r"^(starting|running|waiting|ended)$")]
+    state: Annotated[str, StringConstraints(pattern=r"^(starting|running|silent|waiting|ended)$")]
     pid: Count = 0
     starts: Count = 0
     crash: Crash | None = None

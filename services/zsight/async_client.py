@@ -55,13 +55,13 @@ class AsyncCellClient:
         """Leave the cell."""
         await asyncio.to_thread(self.client.close)
 
-    async def start_find(self, object_type: str, **options: Unpack[FindOptions]) -> AsyncGoalCall:
+    async def start_find(self, object_type: str | int, **options: Unpack[FindOptions]) -> AsyncGoalCall:
         """Send a goal: iterate over its updates, or await its result."""
         return AsyncGoalCall(await asyncio.to_thread(lambda: self.client.start_find(object_type, **options)))
 
     async def find(
         self,
-        object_type: str,
+        object_type: str | int,
         *,
         on_update: Callable[[Update[FindObjectResult]], None] = lambda _: None,
         retry: bool = False,
@@ -79,7 +79,7 @@ class AsyncCellClient:
                 raise
         return await self.find(object_type, on_update=on_update, **again)
 
-    async def find_all(self, object_type: str, **options: Unpack[FindOptions]) -> MergedAnswer:
+    async def find_all(self, object_type: str | int, **options: Unpack[FindOptions]) -> MergedAnswer:
         """Ask every finder for all instances."""
         return await asyncio.to_thread(lambda: self.client.find_all(object_type, **options))
 

@@ -51,6 +51,7 @@ if TYPE_CHECKING:
 __all__ = ["CellClient", "Cloud", "FindOptions", "answer_of", "cloud_reader", "connect"]
 
 ALL = "*"
+_LEAST_OF_A_PLANE = 3  # points
 LOST_OR_BUSY = (NobodyAnswers, ServerLost, ServerBusy)
 """What another finder may help with."""
 
@@ -146,7 +147,7 @@ class CellClient:
         """Leave the cell."""
         self.bus.close()
 
-    def start_find(self, object_type: str, **options: Unpack[FindOptions]) -> GoalCall[FindObjectResult]:
+    def start_find(self, object_type: str | int, **options: Unpack[FindOptions]) -> GoalCall[FindObjectResult]:
         """Send a goal and return at once: iterate over its updates, or wait for its result; see ``find``.
 
         Raises:
@@ -157,7 +158,7 @@ class CellClient:
         try:
             goal = FindObjectGoal(
                 goal_id=new_goal_id(),
-                object_type=object_type,
+                object_type=str(object_type),
                 frame_id=options.get("frame", ""),
                 known_height=options.get("known_height"),
                 region=options.get("region"),
@@ -176,7 +177,7 @@ class CellClient:
 
     def find(
         self,
-        object_type: str,
+        object_type: str | int,
         *,
         on_update: Callable[[Update[FindObjectResult]], None] = lambda _: None,
         retry: bool = False,
@@ -185,7 +186,7 @@ class CellClient:
         """Find an object.
 
         Args:
-            object_type: catalogue name, or the book's number as text.
+            object_type: catalogue name, or the book's number.
             on_update: called with every update.
             retry: ask another finder once where the first one is not there, dies or is busy.
             options: see FindOptions.
@@ -220,7 +221,7 @@ class CellClient:
         others = [name for name in self.finders() if name != call.server] if seconds_left > 0 else []
         return {**options, "finder": others[0], "timeout": seconds_left} if others else None
 
-    def find_all(self, object_type: str, **options: Unpack[FindOptions]) -> MergedAnswer:
+    def find_all(self, object_type: str | int, **options: Unpack[FindOptions]) -> MergedAnswer:
         """Ask every finder for all instances, and join what they say of the same physical object.
 
         Args:
@@ -268,18 +269,32 @@ class CellClient:
         return PlayerClient(self.bus, name)
 
     def cancel(self, goal_id: str | None = None, *, finder: str = ALL) -> CancelResponse:
-        """Cancel one goal, or all goals, of a finder or of all."""
-        return cancel_goal(self.bus, self.bus.cell.cancel(finder), goal_id)
+        """Cancel one goal, or all goals, of a finder or of all.
+
+        Raises:
+            UsageError: no goal can have that id.
+        """
+        with _goal_named(goal_id):
+            return cancel_goal(self.bus, self.bus.cell.cancel(finder), goal_id)
 
     def results(self, goal_id: str | None = None, *, finder: str = ALL) -> list[Update[FindObjectResult]]:
-        """How goals of the last minute stand or ended: one, or all of them, oldest first."""
+        """How goals of the last minute stand or ended: one, or all of them, oldest first.
+
+        Raises:
+            UsageError: no goal can have that id.
+        """
+        with _goal_named(goal_id):
+            request = ResultRequest(goal_id=goal_id)
         kind: type[UpdateList[FindObjectResult]] = UpdateList[FindObjectResult]
         key = self.bus.cell.result(finder)
-        answers = ask_question(self.bus, key, ResultRequest(goal_id=goal_id), kind, everyone=True)
+        answers = ask_question(self.bus, key, request, kind, everyone=True)
         return [update for answer in answers for update in answer.updates]
 
     def clouds(self, key: str = "kinect/points", *, timeout: float | None = None) -> Iterator[Cloud]:
-        """The newest cloud on a key of the cell, again and again; ends when none came for timeout seconds."""
+        """The newest cloud on a key of the cell, again and again; ends when none came for timeout seconds.
+
+        ``next`` then raises StopIteration, as of any iterator that has ended.
+        """
         with contextlib.closing(cloud_reader(self.bus, key)) as reader:
             while (received := reader.take(timeout)) is not None:
                 yield Cloud.of(received.message)
@@ -326,16 +341,20 @@ class CellClient:
             timeout: seconds.
 
         Raises:
+            UsageError: the patch has fewer points than a plane needs.
             NobodyAnswers: no planes service reads the patches.
             DeadlinePassed: it published no plane in time, for instance because the patch has none.
         """
+        message = patch.message() if isinstance(patch, Cloud) else patch
+        if message.width * message.height < _LEAST_OF_A_PLANE:
+            raise UsageError(f"the patch is {message.width} x {message.height} points; a plane needs at least three")
         with (
             contextlib.closing(self.bus.reader(self.bus.cell.plane(camera), Plane)) as planes,
             contextlib.closing(self.bus.writer(self.bus.cell.selected_points(camera), PointCloud2)) as writer,
         ):
             if not _soon(writer.has_readers, timeout):
                 raise NobodyAnswers(f"nobody reads {self.bus.cell.selected_points(camera)}: start the planes service")
-            writer.send(patch.message() if isinstance(patch, Cloud) else patch)
+            writer.send(message)
             received = planes.take(timeout)
         if received is None:
             raise DeadlinePassed(f"no plane within {timeout:g} s: see the log of the planes service")
@@ -345,6 +364,15 @@ class CellClient:
 def cloud_reader(bus: Bus, key: str) -> Reader[PointCloud2]:
     """A reader of the clouds on a key of the cell."""
     return bus.reader(f"{bus.cell.namespace}/{key}", PointCloud2)
+
+
+@contextlib.contextmanager
+def _goal_named(goal_id: str | None) -> Iterator[None]:
+    """Say of an id that makes no sense that no goal has it."""
+    try:
+        yield
+    except ValidationError:
+        raise UsageError(f"no goal is called {goal_id}; expected the id of a goal") from None
 
 
 def answer_of(update: Update[FindObjectResult]) -> FindObjectResult:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from zsight_core.points import Points
 
-__all__ = ["camera_pose", "read", "write"]
+__all__ = ["camera_pose", "read", "require_place", "write"]
 
 _LEVEL = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
 _COLOUR, _DEPTH = "-color.png", "-depth.png"
@@ -55,6 +55,24 @@ def camera_pose(text: str, cloud: LoadedCloud) -> NDArray[np.float64] | None:
     return pose_matrix(text) if text else None
 
 
+def require_place(path: Path, *, ascii_text: bool = False, compressed: bool = False, overwrite: bool = False) -> None:
+    """That a cloud may be written to a path, before it is made.
+
+    Raises:
+        UsageError: the file exists and overwrite is not given; the suffix is neither .pcd nor .ply, or the encoding
+            does not exist there.
+    """
+    suffix = path.suffix.lower()
+    if path.exists() and not overwrite:
+        raise UsageError(f"{path} is there already: choose another name, or give --force to overwrite it")
+    if ascii_text and compressed:
+        raise UsageError("a cloud is either ascii or compressed: choose one")
+    if suffix == ".ply" and compressed:
+        raise UsageError("PLY has no compressed encoding: write a .pcd, or leave --compressed out")
+    if suffix not in (".pcd", ".ply"):
+        raise UsageError(f"cannot write {path}: expected a name that ends in .pcd or .ply")
+
+
 def write(
     path: Path,
     points: Points,
@@ -68,20 +86,11 @@ def write(
 
     Raises:
         FileError: it cannot be written.
-        UsageError: the file exists and overwrite is not given; the suffix is neither .pcd nor .ply, or the encoding
-            does not exist there.
+        UsageError: see ``require_place``.
     """
-    suffix = path.suffix.lower()
-    if path.exists() and not overwrite:
-        raise UsageError(f"{path} is there already: choose another name, or give --force to overwrite it")
-    if ascii_text and compressed:
-        raise UsageError("a cloud is either ascii or compressed: choose one")
-    if suffix == ".pcd":
+    require_place(path, ascii_text=ascii_text, compressed=compressed, overwrite=overwrite)
+    if path.suffix.lower() == ".pcd":
         encoding: pcd.Encoding = "ascii" if ascii_text else "binary_compressed" if compressed else "binary"
         pcd.write(path, points, viewpoint=viewpoint, encoding=encoding, overwrite=overwrite)
-    elif suffix == ".ply":
-        if compressed:
-            raise UsageError("PLY has no compressed encoding: write a .pcd, or leave --compressed out")
-        ply.write(path, points, encoding="ascii" if ascii_text else "binary_little_endian", overwrite=overwrite)
     else:
-        raise UsageError(f"cannot write {path}: expected a name that ends in .pcd or .ply")
+        ply.write(path, points, encoding="ascii" if ascii_text else "binary_little_endian", overwrite=overwrite)

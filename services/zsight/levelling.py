@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from zsight.convert import points_of
-from zsight.errors import DeadlinePassed, NobodyAnswers, ZsightError
+from zsight.errors import DeadlinePassed, NobodyAnswers, UsageError, ZsightError
 from zsight.hosts.beats import ask_health
 from zsight.transforms import TransformBuffer
 from zsight_core.transform import quaternion
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 __all__ = ["CameraLevel", "await_level", "level_of", "measure_level", "process_of"]
 
 _ROUNDED = 1e-5  # the setting has six decimals
+_HIGHEST = 100.0  # metres that a surface may be from the world's origin, up or down
 _PATIENCE = 0.5  # seconds in which static transforms come, which late joiners get at once
 
 
@@ -78,9 +79,12 @@ def level_of(points: Points, surface_height: float, T_world_camera: NDArray[np.f
         T_world_camera: (4, 4) where the camera was taken to be; None: nothing is known.
 
     Raises:
+        UsageError: the height is none of a surface.
         ZsightError: no surface is in view.
         GeometryError: the camera looks straight down at it.
     """
+    if not abs(surface_height) <= _HIGHEST:  # so that what is no number is none either
+        raise UsageError(f"the surface is {surface_height} m high; expected {-_HIGHEST:g} to {_HIGHEST:g} m")
     from zsight_core.level import level_camera
     from zsight_core.scene import understand
 

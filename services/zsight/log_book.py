@@ -12,7 +12,7 @@ import threading
 from collections import deque
 from typing import TYPE_CHECKING
 
-from zsight.errors import ZsightError
+from zsight.errors import UsageError, ZsightError
 from zsight.log_flood import LogFlood
 from zsight_protocol.codec import decode, encode
 from zsight_protocol.errors import ProtocolError
@@ -31,12 +31,19 @@ _WAITING = 1000  # events that wait to be sent; more are left out
 
 
 def start_logging(process: str) -> None:
-    """One line an event on stderr: time, severity, process, words; or JSON where ZSIGHT_LOG_FORMAT says so."""
-    level = os.environ.get("ZSIGHT_LOG", "INFO").upper()
-    logging.basicConfig(
-        level=level if level in logging.getLevelNamesMapping() else "INFO", stream=sys.stderr, force=True
-    )
-    as_json = os.environ.get("ZSIGHT_LOG_FORMAT", "").lower() == "json"
+    """One line an event on stderr: time, severity, process, words; or JSON where ZSIGHT_LOG_FORMAT says so.
+
+    Raises:
+        UsageError: ZSIGHT_LOG is no severity, or ZSIGHT_LOG_FORMAT no form.
+    """
+    level = os.environ.get("ZSIGHT_LOG", "").upper() or "INFO"
+    if level not in logging.getLevelNamesMapping():
+        raise UsageError(f"ZSIGHT_LOG is {level}; expected DEBUG, INFO, WARNING or ERROR")
+    form = os.environ.get("ZSIGHT_LOG_FORMAT", "").lower()
+    if form not in ("", "json"):
+        raise UsageError(f"ZSIGHT_LOG_FORMAT is {form}; expected json, or nothing for words")
+    logging.basicConfig(level=level, stream=sys.stderr, force=True)
+    as_json = form == "json"
     words = f"%(asctime)s %(levelname)-7s {process}: %(message)s"
     for handler in logging.getLogger().handlers:
         handler.setFormatter(_JsonLines(process) if as_json else logging.Formatter(words))

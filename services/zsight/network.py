@@ -12,7 +12,7 @@ from typing import Any
 from zsight.errors import UsageError
 from zsight_protocol.channels import DEFAULT_NAMESPACE
 
-__all__ = ["CONFIG_FILE", "DEFAULT_ENDPOINT", "Network", "endpoints_of"]
+__all__ = ["CONFIG_FILE", "DEFAULT_ENDPOINT", "Network", "endpoints_given", "endpoints_of"]
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 _DEFAULT_SECURE = "tls/127.0.0.1:7447"
@@ -101,6 +101,18 @@ class Network:
 def endpoints_of(text: str) -> tuple[str, ...]:
     """Endpoints with commas between them."""
     return tuple(part.strip() for part in text.split(",") if part.strip())
+
+
+def endpoints_given(text: str, option: str) -> tuple[str, ...]:
+    """The same of an option, which says something where it is given.
+
+    Raises:
+        UsageError: it says nothing.
+    """
+    endpoints = endpoints_of(text)
+    if not endpoints:
+        raise UsageError(f"{option} is {text!r}; expected an endpoint such as {DEFAULT_ENDPOINT}")
+    return endpoints
 
 
 def _truth(text: str) -> bool:

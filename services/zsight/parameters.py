@@ -204,10 +204,15 @@ def serve_parameters(bus: Bus, host: str, process: str, service: str, parameters
     """Answer who asks for the settings of this process, and change them."""
 
     def asked(request: RawRequest) -> None:
+        asks = None
         try:
-            found, message = _answer(decode(ParameterRequest, request.payload), parameters)
+            asks = decode(ParameterRequest, request.payload)
+            found, message = _answer(asks, parameters)
         except (ProtocolError, UsageError, CoreError, OSError) as error:
-            log.warning("refused a change of settings: %s", error)
+            if asks is None or asks.action == "set":
+                log.warning("refused a change of settings: %s", error)
+            else:  # a name mistyped by whoever looks is no trouble of this process
+                log.info("told nothing of its settings: %s", error)
             request.refuse(str(error))
             return
         answer = ParameterAnswer(host=host, process=process, service=service, parameters=found, message=message)

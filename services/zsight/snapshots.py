@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from zsight.convert import points_of
+from zsight.sources import viewpoint_of
 from zsight.transforms import TransformBuffer
-from zsight_core.transform import quaternion
 from zsight_protocol.geometry import TransformList
 from zsight_protocol.point_cloud import PointCloud2
 
@@ -42,13 +42,6 @@ def take_snapshot(bus: Bus, key: str, timeout: float) -> Snapshot | None:
     while (transforms := static.take(_TRANSFORMS_WAIT)) is not None:
         buffer.put(transforms.message, static=True)
     cloud = received.message
-    return Snapshot(
-        points_of(cloud), cloud.header.stamp, cloud.header.frame_id, _viewpoint(buffer, cloud.header.frame_id)
-    )
-
-
-def _viewpoint(buffer: TransformBuffer, frame: str) -> tuple[float, ...]:
-    """PCD's viewpoint: where the camera was in the world, its quaternion with w first."""
-    T = buffer.lookup(buffer.root_of(frame), frame)
-    x, y, z, w = (float(value) for value in quaternion(T))
-    return (float(T[0, 3]), float(T[1, 3]), float(T[2, 3]), w, x, y, z)
+    frame = cloud.header.frame_id
+    T_world_camera = buffer.lookup(buffer.root_of(frame), frame)
+    return Snapshot(points_of(cloud), cloud.header.stamp, frame, viewpoint_of(T_world_camera))

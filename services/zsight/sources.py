@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from zsight_core.pinhole import Pinhole
     from zsight_core.points import Points
 
-__all__ = ["Source", "camera_info", "open_source", "placed", "pose_matrix", "viewpoint_matrix"]
+__all__ = ["Source", "camera_info", "open_source", "placed", "pose_matrix", "viewpoint_matrix", "viewpoint_of"]
 
 _CLOUDS = (".pcd", ".ply")
 _AS_KNOWN = ("", "viewpoint")
@@ -133,6 +133,13 @@ def viewpoint_matrix(viewpoint: Viewpoint) -> NDArray[np.float64]:
     """T_world_camera (4, 4) of a PCD file's viewpoint x y z qw qx qy qz."""
     x, y, z, qw, qx, qy, qz = viewpoint
     return transform.from_quaternion((x, y, z), (qx, qy, qz, qw))
+
+
+def viewpoint_of(T_world_camera: NDArray[np.float64]) -> Viewpoint:
+    """A PCD file's viewpoint x y z qw qx qy qz of a pose (4, 4)."""
+    x, y, z = map(float, T_world_camera[:3, 3])
+    qx, qy, qz, qw = map(float, transform.quaternion(T_world_camera))
+    return x, y, z, qw, qx, qy, qz
 
 
 def pose_matrix(text: str) -> NDArray[np.float64]:

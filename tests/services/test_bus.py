@@ -12,7 +12,7 @@ import pytest
 from tests.services.waiting import DEADLINE, Arrivals, known, soon
 
 from zsight.bus.attachment import Attachment
-from zsight.errors import ConnectionLost, RequestRefused
+from zsight.errors import ConnectionLost, RequestRefused, UsageError
 from zsight_protocol.camera_info import CameraInfo
 from zsight_protocol.channels import Delivery
 from zsight_protocol.codec import encode
@@ -335,6 +335,33 @@ def test_sending_after_the_end_says_so(join: Join) -> None:
     bus.close()
     with pytest.raises(ConnectionLost, match=r"cannot send on .+/kinect/plane"):
         writer.send(plane(1))
+
+
+def acts_of(bus: Bus) -> list[Callable[[str], object]]:
+    """All that is done on a key."""
+    return [
+        partial(bus.link.writer, delivery=Delivery.LATEST),
+        partial(bus.link.reader, delivery=Delivery.LATEST, arrival=lambda _: None),
+        partial(bus.serve, handler=lambda request: request.close()),
+        partial(bus.ask, payload=b"", timeout=DEADLINE),
+        bus.link.declare_alive,
+    ]
+
+
+@pytest.mark.parametrize("key", ["", "//", "/a", "a/", "a//b", "a#b", "a?b", "a/b*", "***"])
+def test_what_is_no_key_is_told(join: Join, key: str) -> None:
+    for act in acts_of(join()):
+        with pytest.raises(UsageError) as told:
+            act(key)
+        assert str(told.value).startswith(f"key is {key!r}; expected names with one / between")
+
+
+def test_who_has_left_is_told_so(join: Join) -> None:
+    bus = join()
+    bus.close()
+    for act in acts_of(bus):
+        with pytest.raises(ConnectionLost, match=r"cannot \w+( on)? a/b: the session was closed"):
+            act("a/b")
 
 
 # Requests.

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import sys
-from typing import TYPE_CHECKING
+from concurrent.futures import ThreadPoolExecutor
+from typing import IO, TYPE_CHECKING
 
 import pytest
+from tests.services.waiting import DEADLINE
 
 from zsight.cli import cells
-from zsight.errors import UsageError
+from zsight.errors import ConnectionLost, NobodyAnswers, UsageError
 from zsight.network import Network
 
 if TYPE_CHECKING:
@@ -62,3 +65,42 @@ def test_a_file_of_another_user_is_refused(act: Callable[[Network], object], mon
     with pytest.raises(UsageError, match=REFUSED):
         act(NETWORK)
     assert path.read_text() == "1"
+
+
+def test_who_looks_keeps_no_cell_from_starting_and_is_no_cell() -> None:
+    path = cells._pid_path(NETWORK)
+    path.touch()
+    with cells._own_file(path) as looking, ThreadPoolExecutor() as threads:
+        assert cells._lock(looking, fcntl.LOCK_SH)
+        assert not cells._is_held(path)
+        noted = threads.submit(note, NETWORK)
+        fcntl.flock(looking, fcntl.LOCK_UN)
+        noted.result(DEADLINE)
+
+
+def test_two_cells_are_not_up_at_once() -> None:
+    with cells._pid_file(NETWORK), pytest.raises(ConnectionLost, match="is up already"):
+        note(NETWORK)
+
+
+def test_a_file_that_an_ended_cell_took_away_is_not_held(monkeypatch: pytest.MonkeyPatch) -> None:
+    path = cells._pid_path(NETWORK)
+    take_lock = cells._lock
+
+    def lock_too_late(file: IO[bytes], kind: int) -> bool:
+        monkeypatch.setattr(cells, "_lock", take_lock)
+        path.unlink()
+        return take_lock(file, kind)
+
+    monkeypatch.setattr(cells, "_lock", lock_too_late)
+    with cells._pid_file(NETWORK):
+        assert cells._running(NETWORK) == path
+
+
+def test_a_start_that_comes_second_leaves_the_first_ones_log_alone() -> None:
+    path = cells._pid_path(NETWORK).with_suffix(".log")
+    path.write_text("up: router (1)\n")
+    with pytest.raises(NobodyAnswers, match=r"\d"):  # what is started tells its version and ends
+        cells._detach(NETWORK)
+    assert path.read_text() == "up: router (1)\n"
+    assert [path] == list(path.parent.iterdir())

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from tests.services.gated_work import Gated
 from tests.services.running import running
+from tests.services.told_health import tell_health
 from tests.services.waiting import DEADLINE, known, soon
 
 from zsight import camera, cli, finder, planes, voxel
@@ -21,10 +22,12 @@ from zsight.action.server import ActionServer, Policy
 from zsight.bus import Bus
 from zsight.bus.zenoh_link import open_link
 from zsight.client import CellClient
-from zsight.sources import open_source
+from zsight.log_book import LogBook
+from zsight.parameters import Parameters, Saved, serve_parameters
+from zsight.sources import open_source, viewpoint_matrix
 from zsight_core import pcd
 from zsight_core.points import colours, from_xyz, xyz
-from zsight_core.transform import from_quaternion
+from zsight_core.transform import from_quaternion, transform_xyz
 from zsight_protocol.channels import Cell
 from zsight_protocol.find_object import FindObjectGoal
 from zsight_protocol.geometry import TransformList
@@ -210,6 +213,25 @@ def test_bad_files_are_named(zsight: Zsight, tmp_path: Path, command: list[str],
     assert "bad.pcd" in ended.err
 
 
+@pytest.mark.parametrize(
+    ("command", "advice"),
+    [
+        (["calibrate", "level", "BOOK", "-o", "nowhere/pose.toml"], "see whether it and its folder are there"),
+        (["keys", "init", "localhost", "--folder", "file/keys"], "see whether its folder is one"),
+    ],
+    ids=["missing", "file"],
+)
+def test_what_the_system_refuses_is_named(
+    zsight: Zsight, book: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: list[str], advice: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("file").touch()
+    ended = zsight(*(book if argument == "BOOK" else argument for argument in command))
+    assert ended.code == 2
+    assert ended.err.endswith(f": {advice}\n")
+    assert command[-1].split("/")[0] in ended.err
+
+
 def test_a_cloud_of_holes_is_said(zsight: Zsight, tmp_path: Path) -> None:
     path = tmp_path / "holes.pcd"
     pcd.write(path, from_xyz(np.full((4, 5, 3), np.nan)))
@@ -268,6 +290,18 @@ def test_plane(zsight: Zsight, book: Path, tmp_path: Path) -> None:
     assert (ended.code, "leaves the image; expected pixels 0 0 to 639 479" in ended.err) == (2, True)
 
 
+def test_a_plane_is_written_whole_or_not_at_all(zsight: Zsight, book: Path, tmp_path: Path) -> None:
+    out, above = tmp_path / "plane.pcd", tmp_path / "above.pcd"
+    above.write_text("mine")
+    patch = ("plane", book, "--patch", 350, 250, 450, 300)
+    ended = zsight(*patch, "-o", out, "--above", above)
+    assert (ended.code, out.exists(), above.read_text()) == (2, False, "mine")
+    assert "above.pcd is there already" in ended.err
+    ended = zsight(*patch, "-o", out, "--above", tmp_path / "." / out.name, "--force")
+    assert (ended.code, out.exists()) == (2, False)
+    assert "name two files" in ended.err
+
+
 def test_an_ellipse_comes_back_in_its_colours(zsight: Zsight, tmp_path: Path) -> None:
     for name, option in (("a.pcd", "--ascii"), ("b.pcd", "--compressed"), ("c.ply", "--ascii")):
         assert zsight("cloud", "ellipse", "-o", tmp_path / name, option).code == 0
@@ -292,6 +326,28 @@ def test_filters(zsight: Zsight, book: Path, tmp_path: Path) -> None:
     assert len(kept) == ended.json["points_out"] > 1000
     assert ((kept >= (0.3, -0.5, 0.78)) & (kept <= (0.7, -0.2, 0.9))).all()
     assert zsight("cloud", "filter", book, "-o", out, "--pass-through", "q", 0, 1, "--force").code == 2
+
+
+def test_a_cloud_that_is_moved_into_another_frame_stays_where_it_is_in_the_world(
+    zsight: Zsight, book: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "moved.pcd"
+    ended = zsight("cloud", "filter", book, "-o", out, "--transform", "1 2 3 0.5 0.5 0.5 0.5", "--json")
+    assert (ended.code, ended.json["points_out"]) == (0, ended.json["points_in"])
+    before, after = (pcd.read(path) for path in (book, out))
+    assert np.nanmax(np.abs(xyz(before.points) - xyz(after.points))) > 1.0
+    was, is_now = (transform_xyz(viewpoint_matrix(file.viewpoint), xyz(file.points)) for file in (before, after))
+    np.testing.assert_allclose(is_now, was, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    "options", [("--colour", 300, 0, 0), ("--colour", 0, 0, -1), ("--colour", 9, 9, 9, "--colour-tolerance", 256)]
+)
+def test_colours_are_of_eight_bits(zsight: Zsight, book: Path, tmp_path: Path, options: tuple[Any, ...]) -> None:
+    ended = zsight("cloud", "filter", book, "-o", tmp_path / "out.pcd", *options)
+    assert ended.code == 2
+    assert "255" in ended.err
+    assert not (tmp_path / "out.pcd").exists()
 
 
 def test_table(zsight: Zsight, book: Path) -> None:
@@ -394,6 +450,32 @@ def test_a_goal_that_cannot_be_said_is_refused(zsight: Zsight, served: Gated, ar
     assert served.runs == []
 
 
+def test_a_process_that_is_not_there_has_no_logs(zsight: Zsight, join_cell: Any) -> None:
+    process = join_cell()
+    with LogBook("here", "eye").on(process):
+        tell_health(process, "eye")
+        assert soon(lambda: zsight("logs", "eye").code == 0)
+        ended = zsight("logs", "nope")
+        assert (ended.code, ended.out, ended.err) == (
+            3,
+            "",
+            "zsight: no process nope is there; see: zsight node list\n",
+        )
+
+
+def test_a_setting_is_set_to_nothing_as_it_is_shown(
+    zsight: Zsight, join_cell: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+    process, settings = join_cell(), camera.Settings(rate=15, pose=POSE)
+    serve_parameters(process, "here", "eye", "camera", Parameters(settings, Saved(process.cell.namespace, "eye")))
+    assert soon(lambda: zsight("param", "get", "eye", "rate").out == "15.0\n")
+    for name in ("rate", "pose"):
+        assert zsight("param", "set", "eye", name, "-").code == 0
+        assert zsight("param", "get", "eye", name).out == "-\n"
+    assert (settings.rate, settings.pose) == (None, "")
+
+
 def test_find_refused(zsight: Zsight, served: Gated) -> None:
     del served
     assert zsight("find", "unknown", "--json").code == 2
@@ -452,7 +534,7 @@ def test_ctrl_c_cancels_this_goal_and_no_other(
         raise KeyboardInterrupt
 
     monkeypatch.setattr(GoalCall, "wait", interrupted)
-    assert zsight("find", "cube").code == 5
+    assert zsight("find", "cube").code == 130
     assert served.runs == sent
     client = CellClient(join_cell())
     assert soon(lambda: [update.state.name for update in client.results(sent[0])] == ["CANCELLED"])
@@ -478,6 +560,9 @@ def test_a_running_cell_through_every_command(
         assert zsight("find", "toy_block", "--frame", "kinect_pc_frame", "--json").json["frame_id"] == "kinect_pc_frame"
         assert zsight("find", "mug", "--json").code == 1
         assert zsight("find", "toy_blok").code == 2
+        for goal, code in (("mug", 2), ("01234567-89ab-cdef-0123-456789abcdef", 1)):
+            ended = zsight("why", goal)
+            assert (ended.code, f"no goal is called {goal}" in ended.err) == (code, True)
         _snapshots(zsight, points)
         _topics(zsight, points)
         _catalogue(zsight, tmp_path)
@@ -529,6 +614,11 @@ def _topics(zsight: Zsight, points: str) -> None:
     assert 5 < hz["hz"] < 100
     assert zsight("topic", "bw", points, "--count", 2, "--json").json["bytes"] > 2 * 640 * 480 * 16
     (cloud,) = [json.loads(line) for line in zsight("topic", "echo", points, "--count", 1, "--json").out.splitlines()]
+    once = zsight("topic", "hz", points, "--count", 1, "--json").json
+    assert (once["messages"], once["hz"]) == (1, None)
+    assert zsight("topic", "bw", points, "--count", 1, "--json").json["bytes_per_second"] is None
+    for what in ("hz", "bw"):
+        assert zsight("topic", what, points, "--count", 1).err.startswith("one message has no rate, ")
     assert (cloud["width"], cloud["data"]) == (640, f"<{640 * 480 * 16} bytes>")
     assert "frame_id: kinect_pc_frame" in zsight("topic", "echo", points, "--count", 1).out
     assert zsight("topic", "echo", "elsewhere/points").code == 2

@@ -18,7 +18,15 @@ from zsight.catalogue.server import serve_catalogue
 from zsight.catalogue.type_files import load, shipped_folder
 from zsight.client import CellClient, Cloud, answer_of
 from zsight.convert import cloud_from_points
-from zsight.errors import DeadlinePassed, GoalCancelled, NobodyAnswers, RequestRefused, ServerBusy, ZsightError
+from zsight.errors import (
+    DeadlinePassed,
+    GoalCancelled,
+    NobodyAnswers,
+    RequestRefused,
+    ServerBusy,
+    UsageError,
+    ZsightError,
+)
 from zsight.merging import MergedAnswer, merge
 from zsight_core.points import from_xyz, xyz
 from zsight_protocol.action import GoalState, Update, new_goal_id
@@ -171,6 +179,20 @@ def test_updates_are_handed_out_on_the_way(finder: Finders) -> None:
 
     finder.client.find("cube", on_update=note)
     assert "waiting" in stages
+
+
+def test_an_id_that_no_goal_can_have_is_told(finder: Finders) -> None:
+    for ask in (finder.client.results, finder.client.cancel):
+        with pytest.raises(UsageError, match="no goal is called mug"):
+            ask("mug")
+
+
+def test_a_number_is_asked_for_as_its_text_is(finder: Finders, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[str] = []
+    monkeypatch.setattr(Gated, "refuse", lambda _, goal: asked.append(goal.object_type))
+    finder.works["finder"].gate.set()
+    assert finder.client.find(1000).message == "done"
+    assert asked == ["1000"]
 
 
 def test_a_goal_is_cancelled_by_its_call_and_by_its_id(finder: Finders) -> None:

@@ -112,6 +112,8 @@ def test_a_host_of_an_impossible_name_gets_no_folder(authority: Authority, name:
 
 
 def test_mistakes_are_named(authority: Authority, tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match=r"no authority in .* make one with: zsight keys init"):
+        Authority(tmp_path / "none").hosts()
     with pytest.raises(UsageError, match="an authority already"):
         authority.init(["127.0.0.1"], days=1, cell=CELL)
     with pytest.raises(UsageError, match="eye has keys"):

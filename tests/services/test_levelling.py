@@ -115,6 +115,12 @@ def test_a_pose_that_is_none_is_refused_at_the_start() -> None:
             parse(camera.Settings, {"pose": wrong})
 
 
+@pytest.mark.parametrize("height", [float("nan"), float("inf"), -101.0])
+def test_a_height_that_is_none_of_a_surface_is_refused(height: float) -> None:
+    with pytest.raises(UsageError, match=r"m high; expected -100 to 100 m"):
+        level_of(next(open_source("book", frame="").clouds()), height)
+
+
 def test_no_camera_and_no_surface_are_told(join_memory: Join) -> None:
     cell = CellClient(join_memory())
     with pytest.raises(DeadlinePassed, match="is the camera running"):

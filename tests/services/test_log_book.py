@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import pytest
 from tests.services.waiting import soon
 
+from zsight.errors import UsageError
 from zsight.log_book import LogBook, ask_logs, start_logging
 from zsight_protocol.channels import Delivery
 from zsight_protocol.log_event import LogEvent
@@ -96,3 +97,10 @@ def test_a_line_is_for_people_or_for_programs(monkeypatch: pytest.MonkeyPatch, f
         assert entry == {"severity": "INFO", "process": "eye", "logger": "test.book", "text": "two\nlines, ä"}
     else:
         assert "INFO    eye: two" in stream.getvalue()
+
+
+@pytest.mark.parametrize(("name", "value"), [("ZSIGHT_LOG", "LOUD"), ("ZSIGHT_LOG_FORMAT", "xml")])
+def test_a_severity_or_form_that_there_is_not_is_told(monkeypatch: pytest.MonkeyPatch, name: str, value: str) -> None:
+    monkeypatch.setenv(name, value)
+    with pytest.raises(UsageError, match=f"{name} is {value}; expected"):
+        start_logging("eye")

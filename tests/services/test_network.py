@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from zsight.bus.zenoh_link import open_link
 from zsight.errors import UsageError
-from zsight.network import DEFAULT_ENDPOINT, Network
+from zsight.network import DEFAULT_ENDPOINT, Network, endpoints_given
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -44,6 +45,18 @@ def test_an_empty_variable_says_nothing(monkeypatch: pytest.MonkeyPatch, empty: 
     for name in VARIABLES[2:]:
         monkeypatch.setenv(name, "")
     assert Network.from_environment() == Network()
+
+
+def test_an_option_of_no_endpoint_is_told() -> None:
+    for option in ("", " , "):
+        with pytest.raises(UsageError, match=r"--connect is .*; expected an endpoint such as tcp/"):
+            endpoints_given(option, "--connect")
+    assert endpoints_given("tcp/a:1, tcp/b:2", "--connect") == ("tcp/a:1", "tcp/b:2")
+
+
+def test_a_zenoh_file_that_is_not_there_is_named() -> None:
+    with pytest.raises(UsageError, match=r"ZENOH_CONFIG names nope\.json5, and there is no such file"):
+        open_link(Network(config_file="nope.json5"))
 
 
 def test_processes_inherit_the_network(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -221,6 +221,18 @@ def test_one_is_read_and_set(cell: CellClient, settings: Odd) -> None:
     assert settings == Odd(leaf=0.25)
 
 
+def test_whoever_looks_for_a_setting_that_is_not_there_troubles_nobody(
+    cell: CellClient, caplog: pytest.LogCaptureFixture
+) -> None:
+    assert soon(lambda: len(cell.parameters.list()) == 3)
+    with pytest.raises(RequestRefused, match="no setting is called lief"):
+        cell.parameters.get("single", "lief")
+    assert [record for record in caplog.records if record.levelname == "WARNING"] == []
+    with pytest.raises(RequestRefused, match="setting leaf is -1"):
+        cell.parameters.set("single", "leaf", -1)
+    assert soon(lambda: "refused a change of settings: setting leaf is -1" in caplog.text)
+
+
 def test_bytes_that_are_no_request_are_refused(cell: CellClient) -> None:
     assert soon(lambda: len(cell.parameters.list()) == 3)
     with pytest.raises(RequestRefused, match="ParameterRequest"):

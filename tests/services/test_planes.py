@@ -12,7 +12,7 @@ from tests.services.waiting import DEADLINE, soon
 from zsight import planes
 from zsight.client import CellClient
 from zsight.convert import cloud_from_points, matrix_of, points_of
-from zsight.errors import DeadlinePassed, NobodyAnswers
+from zsight.errors import DeadlinePassed, NobodyAnswers, UsageError
 from zsight.patch_plane import plane_of_patch
 from zsight_core.points import from_xyz, xyz
 from zsight_protocol.message import Time
@@ -151,9 +151,14 @@ def test_a_patch_without_a_plane_is_told_and_the_loop_goes_on(
 ) -> None:
     cell = start()
     with pytest.raises(DeadlinePassed):
-        cell.select(slice(40, 41), slice(10, 12), timeout=0.05)
+        cell.select(slice(40, 41), slice(10, 13), timeout=0.05)
     assert soon(lambda: "no plane of this patch" in caplog.text)
     assert cell.select(slice(40, 50), slice(10, 30)).inliers > 4000
+
+
+def test_a_patch_that_is_too_small_is_refused_before_it_is_sent(start: Callable[..., Cell]) -> None:
+    with pytest.raises(UsageError, match=r"the patch is 2 x 1 points; a plane needs at least three"):
+        start().select(slice(40, 41), slice(10, 12))
 
 
 def test_heights_in_the_wrong_order_are_told_and_the_loop_goes_on(

@@ -7,6 +7,7 @@ import os
 import signal
 import socket
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -184,6 +185,27 @@ def test_a_killed_service_is_seen_told_and_started_again(running: tuple[Cell, Co
     assert set(whole) == set(up.children())
 
 
+def test_a_service_that_hangs_is_told(cell: Cell) -> None:
+    (cell.folder / "cell.toml").write_text('[process.router]\n[process.camera]\nsource = "ellipse"\n')
+    with cell.up(cell.folder / "cell.toml") as up:
+
+        def state() -> object:
+            rows = cell.run("up", "--hosts", "--json").json["processes"]
+            return next(row["state"] for row in rows if row["process"] == "camera")
+
+        hung = up.children()["camera"]
+        assert state() == "running"
+        os.kill(hung, signal.SIGSTOP)
+        try:
+            assert soon(lambda: state() == "silent", DEADLINE)
+            told = cell.run("doctor")
+            assert told.code == 1
+            assert f"failed   process here/camera: pid {hung} runs and does not answer" in told.out
+        finally:
+            os.kill(hung, signal.SIGCONT)
+        assert soon(lambda: state() == "running", DEADLINE)
+
+
 # Stopped.
 
 
@@ -213,6 +235,16 @@ def test_a_cell_in_the_background_is_stopped_by_down(cell: Cell) -> None:
     assert leftovers(nodes, set()) == []
     assert not cell.is_listening()
     assert cell.run("down").code == 3
+
+
+def test_of_two_starts_at_once_one_is_told_that_the_cell_is_up(cell: Cell) -> None:
+    (cell.folder / "cell.toml").write_text("[process.router]\n")
+    with ThreadPoolExecutor() as threads:
+        starts = [threads.submit(cell.run, "up", cell.folder / "cell.toml", "--detach") for _ in range(2)]
+        ended = sorted((start.result(DEADLINE) for start in starts), key=lambda one: one.code)
+    assert [one.code for one in ended] == [0, 3]
+    assert "is up already" in ended[1].err
+    assert cell.run("down").code == 0
 
 
 def test_a_killed_supervisor_takes_its_processes_along(cell: Cell) -> None:

@@ -6,6 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
+from zsight.errors import ConnectionLost, UsageError
+
 if TYPE_CHECKING:
     from zsight_protocol.channels import Delivery
     from zsight_protocol.point_cloud import Buffer
@@ -20,7 +22,21 @@ __all__ = [
     "RawSample",
     "RawWriter",
     "RequestHandler",
+    "no_key",
+    "session_closed",
 ]
+
+
+def no_key(key: str) -> UsageError:
+    """What a link raises where a key makes no sense."""
+    return UsageError(
+        f"key is {key!r}; expected names with one / between, such as zsight/kinect/points; * stands for one, ** for any"
+    )
+
+
+def session_closed(action: str, key: str) -> ConnectionLost:
+    """What a link raises once it was closed."""
+    return ConnectionLost(f"cannot {action} {key}: the session was closed")
 
 
 class RawSample(Protocol):
@@ -119,7 +135,10 @@ class Closable:
 
 
 class Link(Protocol):
-    """What the bus needs of a network."""
+    """What the bus needs of a network.
+
+    Whatever takes a key raises a UsageError where it makes no sense, and ConnectionLost once the link was closed.
+    """
 
     def writer(self, key: str, delivery: Delivery) -> RawWriter:
         """A writer on a key."""

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import queue
+import re
 import threading
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from zsight.bus.link import Arrival, Closable, RequestHandler
+from zsight.bus.link import Arrival, Closable, RequestHandler, no_key, session_closed
 from zsight.errors import ConnectionLost, RequestRefused
 from zsight_protocol.channels import Delivery
 
@@ -17,6 +18,9 @@ if TYPE_CHECKING:
     from zsight_protocol.point_cloud import Buffer
 
 __all__ = ["MemoryLink", "MemoryNetwork", "matches"]
+
+
+_KEY = re.compile(r"(\*\*?|[^/*#?$]+)(/(\*\*?|[^/*#?$]+))*")
 
 
 def matches(expression: str, key: str) -> bool:
@@ -81,10 +85,18 @@ class MemoryLink:
         self._network = network or MemoryNetwork()
         self._mine: list[Closable] = []
         self._cut = False
+        self._closed = False
 
     def cut(self) -> None:
         """Pull the cable of this process: what it asks reaches nobody, and no reply comes any more."""
         self._cut = True
+
+    def _require(self, action: str, key: str) -> None:
+        """That the link is open, and a key makes sense."""
+        if self._closed:
+            raise session_closed(action, key)
+        if not _KEY.fullmatch(key):
+            raise no_key(key)
 
     def _hold(self, closable: Closable) -> Closable:
         self._mine.append(closable)
@@ -92,12 +104,14 @@ class MemoryLink:
 
     def writer(self, key: str, delivery: Delivery) -> _Writer:
         """A writer on a key."""
+        self._require("publish", key)
         writer = _Writer(self._network, key, delivery)
         self._hold(Closable(writer.close))
         return writer
 
     def reader(self, key: str, delivery: Delivery, arrival: Arrival) -> Closable:
         """A reader on a key expression."""
+        self._require("read", key)
         name = object()
         with self._network.lock:
             self._network.readers[name] = (key, arrival)
@@ -109,6 +123,7 @@ class MemoryLink:
 
     def serve(self, key: str, handler: RequestHandler) -> Closable:
         """Answer requests."""
+        self._require("serve", key)
         name = object()
         with self._network.lock:
             self._network.servers[name] = (key, handler, self)
@@ -117,6 +132,7 @@ class MemoryLink:
     def ask(self, key: str, payload: bytes, timeout: float, *, everyone: bool = False) -> _Replies:
         """Send a request; timeout is kept by the caller's clock alone."""
         del timeout
+        self._require("ask", key)
         with self._network.lock:
             served = [] if self._cut else self._network.servers.values()
             found = [(h, link) for e, h, link in served if matches(e, key)]
@@ -133,6 +149,7 @@ class MemoryLink:
 
     def declare_alive(self, key: str) -> Closable:
         """Hold a liveliness token."""
+        self._require("hold", key)
         name = object()
         with self._network.lock:
             self._network.tokens[name] = key
@@ -166,6 +183,7 @@ class MemoryLink:
 
     def close(self) -> None:
         """Leave the network."""
+        self._closed = True
         for closable in reversed(self._mine):
             closable.close()
         self._mine.clear()

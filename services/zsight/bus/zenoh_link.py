@@ -17,7 +17,7 @@ from zenoh import ext, handlers
 
 from zsight import limits
 from zsight.bus.buffer_ring import BufferRing
-from zsight.bus.link import Arrival, Closable, RequestHandler
+from zsight.bus.link import Arrival, Closable, RequestHandler, no_key, session_closed
 from zsight.errors import ConnectionLost, NotAllowed, RequestRefused, UsageError
 from zsight.keys import identity
 from zsight.keys.identity import read_hosts, read_identity
@@ -115,6 +115,8 @@ def _config(network: Network, mode: str) -> zenoh.Config:
         settings["connect/endpoints"] = list(network.connect)
         settings["connect/timeout_ms"] = 0
     settings["connect/retry"] = {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 2}
+    if network.config_file and not Path(network.config_file).is_file():
+        raise UsageError(f"ZENOH_CONFIG names {network.config_file}, and there is no such file")
     try:
         config = zenoh.Config.from_file(network.config_file) if network.config_file else zenoh.Config()
         for key, value in settings.items():
@@ -191,9 +193,19 @@ class ZenohLink:
         self._shared_memory = shared_memory
         self._closed = False
 
+    def _require(self, action: str, key: str) -> None:
+        """That the link is open, a key makes sense and an action on it is allowed."""
+        if self._closed:
+            raise session_closed(action, key)
+        try:
+            zenoh.KeyExpr(key)
+        except zenoh.ZError:
+            raise no_key(key) from None
+        self._guard.require(action, key)
+
     def writer(self, key: str, delivery: Delivery) -> _ZenohWriter:
         """A writer on a key."""
-        self._guard.require("publish", key)
+        self._require("publish", key)
         if delivery is Delivery.LATCHED:
             publisher: Any = ext.declare_advanced_publisher(
                 self._session,
@@ -214,7 +226,7 @@ class ZenohLink:
 
     def reader(self, key: str, delivery: Delivery, arrival: Arrival) -> Closable:
         """A reader on a key expression."""
-        self._guard.require("read", key)
+        self._require("read", key)
         # A direct callback has no hidden queue; the bus keeps what it wants of the arrivals.
         handler: Any = handlers.Callback(lambda sample: arrival(_ZenohSample(sample)), indirect=False)
         if delivery is Delivery.LATCHED:
@@ -227,19 +239,19 @@ class ZenohLink:
 
     def serve(self, key: str, handler: RequestHandler) -> Closable:
         """Answer requests."""
-        self._guard.require("serve", key)
+        self._require("serve", key)
         direct: Any = handlers.Callback(lambda query: handler(_ZenohRequest(query, key)), indirect=False)
         queryable = self._session.declare_queryable(key, direct, complete=True)
         return Closable(lambda: self._undeclare(queryable))
 
     def ask(self, key: str, payload: bytes, timeout: float, *, everyone: bool = False) -> _ZenohReplies:
         """Send a request."""
-        self._guard.require("ask", key)
+        self._require("ask", key)
         return _ZenohReplies(self._session, key, payload, timeout, everyone=everyone)
 
     def declare_alive(self, key: str) -> Closable:
         """Hold a liveliness token."""
-        self._guard.require("hold", key)
+        self._require("hold", key)
         token = self._session.liveliness().declare_token(key)
         return Closable(lambda: self._undeclare(token))
 

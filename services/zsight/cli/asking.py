@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Unpack
 from zsight.bus import Bus
 from zsight.bus.zenoh_link import open_link
 from zsight.client import CellClient, answer_of
-from zsight.errors import GoalCancelled, ZsightError
+from zsight.errors import ZsightError
 from zsight_protocol.channels import Cell
 from zsight_protocol.find_object import Capture
 
@@ -56,7 +56,7 @@ def ask(
         except KeyboardInterrupt:
             with contextlib.suppress(ZsightError):
                 call.cancel()
-            raise GoalCancelled("cancelled") from None
+            raise
         if picture is not None:
             from zsight.pictures import draw_live
 

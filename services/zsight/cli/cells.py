@@ -18,7 +18,7 @@ from zsight.cli.options import Connect, Json, Namespace, Open, network_of
 from zsight.cli.output import print_json, print_table, say
 from zsight.cli.running import require_warm
 from zsight.errors import ConnectionLost, NobodyAnswers, UsageError, ZsightError
-from zsight.network import endpoints_of
+from zsight.network import endpoints_given
 
 if TYPE_CHECKING:
     from zsight.hosts.cell_file import CellFile
@@ -122,10 +122,10 @@ def _network(table: CellFile, connect: str | None, namespace: str | None, listen
     network = replace(network, namespace=namespace or table.namespace or network.namespace)
     if table.connect:
         network = replace(network, connect=table.connect)
-    if listen or table.listen:
-        endpoints = endpoints_of(listen) if listen else table.listen or ()
+    if listen is not None or table.listen:
+        endpoints = endpoints_given(listen, "--listen") if listen is not None else table.listen or ()
         network = replace(network, listen=endpoints, connect=tuple(_reachable(e) for e in endpoints[:1]))
-    return network if connect is None else replace(network, connect=endpoints_of(connect))
+    return network if connect is None else replace(network, connect=endpoints_given(connect, "--connect"))
 
 
 def _reachable(endpoint: str) -> str:
@@ -187,22 +187,38 @@ def _own_file(path: Path, flags: int = 0) -> IO[bytes]:
 
 def _is_held(path: Path) -> bool:
     """Whether the process that a pid file names still holds its lock; its number may be another process's by now."""
+    import fcntl
+
     with suppress(FileNotFoundError), _own_file(path) as file:
-        if not _lock(file):
-            return True
-    path.unlink(missing_ok=True)
+        return not _lock(file, fcntl.LOCK_SH)
     return False
 
 
-def _lock(file: IO[bytes]) -> bool:
-    """Take the lock on a file, for as long as it is open; false where somebody else has it."""
+def _lock(file: IO[bytes], kind: int) -> bool:
+    """Take a lock on a file, for as long as it is open; false where somebody else has one that excludes it."""
     import fcntl
 
     try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        fcntl.flock(file, kind | fcntl.LOCK_NB)
     except BlockingIOError:
         return False
     return True
+
+
+def _held(path: Path) -> IO[bytes] | None:
+    """The file at a path, with the lock on it that a cell holds; none where another cell does."""
+    import fcntl
+
+    while True:
+        file = _own_file(path, os.O_CREAT)
+        if _lock(file, fcntl.LOCK_EX):
+            with suppress(FileNotFoundError):
+                if os.path.samestat(os.fstat(file.fileno()), path.lstat()):  # not what a cell that ended took away
+                    return file
+        elif not _lock(file, fcntl.LOCK_SH):  # who only looks shares the lock, a cell does not
+            file.close()
+            return None
+        file.close()
 
 
 class _pid_file:  # noqa: N801  reads as the action it is
@@ -213,10 +229,10 @@ class _pid_file:  # noqa: N801  reads as the action it is
         self._path = _pid_path(network)
 
     def __enter__(self) -> None:
-        self._file = _own_file(self._path, os.O_CREAT)
-        if not _lock(self._file):
-            self._file.close()
+        file = _held(self._path)
+        if file is None:
             raise _is_up(self._network)
+        self._file = file
         self._file.truncate(0)
         self._file.write(str(os.getpid()).encode())
 
@@ -234,14 +250,19 @@ def _detach(network: Network) -> None:
     """Start the same command in the background, and wait until its cell is up."""
     import subprocess
     import sys
+    import tempfile
 
-    path = _pid_path(network)
-    if _is_held(path):
+    pid_path = _pid_path(network)
+    if _is_held(pid_path):
         raise _is_up(network)
+    path = pid_path.with_suffix(".log")
+    with suppress(FileNotFoundError):
+        _own_file(path).close()
     arguments = [argument for argument in sys.argv[1:] if argument not in ("-d", "--detach")]
-    path = path.with_suffix(".log")
-    with _own_file(path, os.O_CREAT) as log:
-        log.truncate(0)
+    # Others may start the same cell now: the log is this start's own until the cell is up.
+    handle, name = tempfile.mkstemp(prefix=f"{path.stem}-", suffix=".log", dir=path.parent)
+    own = Path(name)
+    with os.fdopen(handle) as log:
         process = subprocess.Popen(
             [sys.executable, "-m", "zsight", *arguments],
             stdin=subprocess.DEVNULL,
@@ -252,16 +273,18 @@ def _detach(network: Network) -> None:
     pause = threading.Event()
     try:
         while process.poll() is None:
-            if "\nup: " in "\n" + path.read_text(encoding="utf-8", errors="replace"):
+            if "\nup: " in "\n" + own.read_text(encoding="utf-8", errors="replace"):
+                own.replace(path)
                 say(f"up as process {process.pid}, log in {path}; stop with: zsight down")
                 return
             pause.wait(0.05)
+        words = own.read_text(encoding="utf-8", errors="replace").strip().splitlines()
     except KeyboardInterrupt:
         process.terminate()
         process.wait()
         raise
-    words = path.read_text(encoding="utf-8", errors="replace").strip().splitlines()
-    path.unlink()
+    finally:
+        own.unlink(missing_ok=True)
     last = "\n".join(words[-8:]).removeprefix("zsight: ")
     kind = UsageError if process.returncode == UsageError.exit_code else NobodyAnswers
     raise kind(last if len(words) == 1 else f"the cell did not come up; its last words:\n{last}")

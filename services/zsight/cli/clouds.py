@@ -112,6 +112,10 @@ def plane(
     from zsight_core.above_plane import points_above
     from zsight_core.take import take
 
+    for path in filter(None, (output, above)):
+        cloud_input.require_place(path, ascii_text=ascii_text, compressed=compressed, overwrite=force)
+    if output is not None and above is not None and output.resolve() == above.resolve():
+        raise UsageError(f"{output} is to hold both the plane and what stands above it: name two files")
     cloud = cloud_input.read(file, intrinsics)
     settings = planes.Settings(tolerance=tolerance, connected=connected)
     found = plane_of_patch(
@@ -310,7 +314,7 @@ def filter_points(
         tuple[int, int, int] | None, typer.Option("--colour", metavar="R G B", help="Keep points of this colour.")
     ] = None,
     colour_tolerance: Annotated[
-        float, typer.Option("--colour-tolerance", help="For each of R, G and B, 0 to 255.")
+        float, typer.Option("--colour-tolerance", min=0, max=255, help="For each of R, G and B, 0 to 255.")
     ] = 30.0,
     intrinsics: Intrinsics = None,
     ascii_text: Ascii = False,
@@ -320,19 +324,27 @@ def filter_points(
 ) -> None:
     """Keep the points that pass every filter given: box, pass-through, colour."""
     from zsight import cloud_input
-    from zsight.sources import pose_matrix
+    from zsight.sources import pose_matrix, viewpoint_matrix, viewpoint_of
     from zsight_core import filters, rigid, statistics
+    from zsight_core.transform import inverse
 
+    if colour is not None and not all(0 <= part <= 255 for part in colour):
+        raise UsageError(f"colour is {' '.join(map(str, colour))}; expected R G B, each from 0 to 255")
     cloud = cloud_input.read(file, intrinsics)
-    points = rigid.transform_points(cloud.points, pose_matrix(transform)) if transform else cloud.points
+    points, viewpoint = cloud.points, cloud.viewpoint
+    if transform:
+        T_target_source = pose_matrix(transform)
+        points = rigid.transform_points(points, T_target_source)
+        # The viewpoint leads from the cloud's frame to the world, where the points are to stay.
+        viewpoint = viewpoint_of(viewpoint_matrix(viewpoint) @ inverse(T_target_source))
     if box is not None:
         points = filters.box(points, box[:3], box[3:])
     if pass_through is not None:
         points = filters.pass_through(points, *pass_through)
     if colour is not None:
         points = filters.matching_colour(points, colour, colour_tolerance)
-    _write(output, points, cloud.viewpoint, ascii_text, compressed, force)
-    report = {"points_in": statistics.count_finite(cloud.points), "points_out": int(points.size)}
+    _write(output, points, viewpoint, ascii_text, compressed, force)
+    report = {"points_in": statistics.count_finite(cloud.points), "points_out": statistics.count_finite(points)}
     if json:
         print_json(report)
     else:

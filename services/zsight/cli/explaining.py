@@ -42,7 +42,7 @@ def why(
     if json:
         print_json({"goals": [update.model_dump(mode="json") for update in updates]})
     elif not updates:
-        say("no goal of that id is remembered" if goal else "nothing was missed in the last minute")
+        say(f"no goal is called {goal}" if goal else "nothing was missed in the last minute")
     for update in [] if json else updates:
         say(explain(update))
     raise typer.Exit(0 if updates else 1)

@@ -31,7 +31,7 @@ def logs(
     namespace: Namespace = None,
 ) -> None:
     """The last events of every process, oldest first; with --json one object a line."""
-    from zsight.errors import UsageError
+    from zsight.errors import NobodyAnswers, UsageError
     from zsight.runtime import join
 
     levels = logging.getLevelNamesMapping()
@@ -39,9 +39,20 @@ def logs(
         raise UsageError(f"level is {level!r}; expected DEBUG, INFO, WARNING or ERROR")
     host, _, name = process.rpartition("/")
     with join(network_of(connect, namespace)) as bus:
+        heard = False
         for event in _events(bus, host or "*", name, follow=follow):
+            heard = True
             if levels.get(event.severity, 0) >= levels[level.upper()]:
                 _print(event, as_json=json)
+        if not heard and name != "*" and not _is_there(bus, host, name):
+            raise NobodyAnswers(f"no process {process} is there; see: zsight node list")
+
+
+def _is_there(bus: Bus, host: str, process: str) -> bool:
+    """Whether a process that tells no events is there; without a host on any."""
+    from zsight.hosts.beats import ask_health
+
+    return any(beat.process == process and host in ("", beat.host) for beat in ask_health(bus))
 
 
 def _events(bus: Bus, host: str, process: str, *, follow: bool) -> Iterator[LogEvent]:

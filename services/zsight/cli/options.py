@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from zsight.errors import UsageError
-from zsight.network import Network, endpoints_of
+from zsight.network import Network, endpoints_given
 
 __all__ = [
     "CameraPose",
@@ -64,7 +64,7 @@ def network_of(connect: str | None, namespace: str | None = None) -> Network:
     """The network from the options, else from the environment."""
     network = Network.from_environment()
     if connect is not None:
-        network = replace(network, connect=endpoints_of(connect))
+        network = replace(network, connect=endpoints_given(connect, "--connect"))
     return network if namespace is None else replace(network, namespace=namespace)
 
 

@@ -60,7 +60,7 @@ def get(process: Process, name: Name, json: Json = False, connect: Connect = Non
 def set_parameter(
     process: Process,
     name: Name,
-    value: Annotated[str, typer.Argument(metavar="VALUE", help="The new value; none for no value.")],
+    value: Annotated[str, typer.Argument(metavar="VALUE", help="The new value; - for none.")],
     save: Annotated[bool, typer.Option("--save", help="Keep it over a restart of the process.")] = False,
     json: Json = False,
     connect: Connect = None,
@@ -68,11 +68,18 @@ def set_parameter(
 ) -> None:
     """Change a setting of a running process."""
     with _cell(connect, namespace) as cell:
-        answer = cell.parameters.set(process, name, None if value == "none" else value, save=save)
+        answer = cell.parameters.set(process, name, _value(cell, process, name, value), save=save)
     if json:
         print_json({**_answer_json(answer), "message": answer.message})
     else:
         say(f"{answer.host}/{answer.process}: {answer.message}")
+
+
+def _value(cell: CellClient, process: str, name: str, typed: str) -> str | None:
+    """What was typed; ``-`` and ``none`` are no value, as ``_text`` shows it."""
+    if typed == "-" and cell.parameters.get(process, name).kind == "str":
+        return ""
+    return None if typed in ("-", "none") else typed
 
 
 def _cell(connect: str | None, namespace: str | None) -> CellClient:

@@ -13,7 +13,7 @@ import typer
 from zsight.cli.options import Connect, Namespace, Open, network_of
 from zsight.cli.output import print_table, say
 from zsight.errors import UsageError
-from zsight.network import endpoints_of
+from zsight.network import endpoints_given, endpoints_of
 
 __all__ = ["require_warm", "run", "warm"]
 
@@ -45,7 +45,7 @@ def run(
     network = network_of(connect, namespace)
     settings = load(row.settings(), process or row.name, network.namespace, _options(context.args))
     if listen is not None:
-        network = replace(network, listen=endpoints_of(listen))
+        network = replace(network, listen=endpoints_given(listen, "--listen"))
     network = replace(network, peers=endpoints_of(peers or ""), open=network.open or everybody)
     from zsight.runtime import run_service
     from zsight.shared_memory import leave

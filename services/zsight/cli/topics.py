@@ -32,6 +32,8 @@ app = typer.Typer(help="What travels, between whom, how fast.", no_args_is_help=
 
 _WORD = 1.0  # seconds between two words of a measurement that goes on
 
+_NO_RATE = "one message has no rate"
+
 _LOOK = 1.0  # seconds between two looks at who is there
 
 Key = Annotated[str, typer.Argument(metavar="KEY", help="A key, such as zsight/kinect/points.")]
@@ -179,7 +181,7 @@ def hz(
     """How often messages come on a key; they are counted, not decoded, and neither slow nor fill anything."""
     seen = _count(key, count, duration, connect, namespace)
     gaps = [(b - a) / 1e6 for a, b in itertools.pairwise(seen.times)]
-    rate = 1e3 * len(gaps) / sum(gaps) if gaps and sum(gaps) > 0 else 0.0
+    rate = 1e3 * len(gaps) / sum(gaps) if sum(gaps) > 0 else None
     report = {
         "key": key,
         "messages": len(seen.times),
@@ -190,7 +192,8 @@ def hz(
         "gap_ms_deviation": statistics.pstdev(gaps) if gaps else None,
         "on_the_way_ms": statistics.median(seen.on_the_way) if seen.on_the_way else None,
     }
-    words = f"{rate:.2f} Hz from {len(seen.times)} messages, {seen.lost} lost"
+    told = _NO_RATE if rate is None else f"{rate:.2f} Hz from {len(seen.times)} messages"
+    words = f"{told}, {seen.lost} lost"
     if gaps:
         words += f", gaps {min(gaps):.1f} to {max(gaps):.1f} ms (deviation {statistics.pstdev(gaps):.1f})"
     print_json(report) if json else say(words)
@@ -209,12 +212,13 @@ def bw(
     seen = _count(key, count, duration, connect, namespace)
     # Of n messages the n - 1 gaps between them are known.
     seconds = (seen.times[-1] - seen.times[0]) / 1e9
-    bandwidth = sum(seen.sizes[1:]) / seconds if seconds > 0 else 0.0
+    bandwidth = sum(seen.sizes[1:]) / seconds if seconds > 0 else None
     total, messages = sum(seen.sizes), len(seen.times)
     if json:
         print_json({"key": key, "messages": messages, "lost": seen.lost, "bytes": total, "bytes_per_second": bandwidth})
     else:
-        say(f"{bandwidth / 1e6:.2f} MB/s, {total / messages / 1e6:.3f} MB each, {messages} messages, {seen.lost} lost")
+        told = _NO_RATE if bandwidth is None else f"{bandwidth / 1e6:.2f} MB/s"
+        say(f"{told}, {total / messages / 1e6:.3f} MB each, {messages} messages, {seen.lost} lost")
 
 
 @dataclass

@@ -21,8 +21,9 @@ import numpy as np
 from zsight import shared_memory
 from zsight.convert import cloud_from_points, points_of
 from zsight.errors import NotAllowed, ZsightError
-from zsight.hosts.beats import ask_health
+from zsight.hosts.beats import ask_health, topics_of
 from zsight.hosts.clocks import ask_clocks
+from zsight.hosts.reports import ask_hosts
 from zsight.keys.identity import CERTIFICATE, read_identity
 from zsight.reaching import trouble_at
 from zsight.runtime import host_name, join, version
@@ -37,8 +38,10 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from zsight.bus import Bus, RawRequest
+    from zsight.hosts.beats import Topic
     from zsight.network import Network
     from zsight_protocol.health import Health
+    from zsight_protocol.host_report import ProcessReport
 
 __all__ = ["FAILED", "OK", "SKIPPED", "WARNING", "Finding", "examine"]
 
@@ -103,19 +106,31 @@ def _alone(network: Network) -> list[tuple[str, Check]]:
 
 def _together(bus: Bus, network: Network) -> list[tuple[str, Check]]:
     """Checks of this host and its cell."""
-    beats = ask_health(bus)
-    cameras = sorted({key.split("/")[1] for beat in beats for key in (w.key for w in beat.writers) if _is_points(key)})
+    beats, reports = ask_health(bus), ask_hosts(bus)
+    clouds = [topic for topic in topics_of(beats) if _is_points(topic.key)]
+    heard = {(beat.host, beat.process) for beat in beats}
+    unheard = [(r.host, one) for r in reports for one in r.processes if (r.host, one.process) not in heard]
     return [
         ("cell", lambda: _cell(beats, network)),
         ("round trip", lambda: _round_trip(bus, network)),
         ("cloud round trip", lambda: _cloud_round_trip(bus, network)),
         ("clocks", lambda: _clocks(bus)),
-        *((f"camera {camera}", lambda camera=camera: _camera(bus, camera)) for camera in cameras),
+        *(_of_unheard(host, process) for host, process in unheard if process.state != "ended"),
+        *(_of_camera(bus, topic) for topic in clouds),
     ]
 
 
 def _is_points(key: str) -> bool:
-    return key.endswith("/points") and key.count("/") == 2
+    return key.endswith("/points") and key.count("/") == 2 and "*" not in key
+
+
+def _of_unheard(host: str, process: ProcessReport) -> tuple[str, Check]:
+    return f"process {host}/{process.process}", lambda: _unheard(host, process)
+
+
+def _of_camera(bus: Bus, clouds: Topic) -> tuple[str, Check]:
+    camera = clouds.key.split("/")[1]
+    return f"camera {camera}", lambda: _camera(bus, camera) if clouds.writers else _unpublished(camera, clouds)
 
 
 def _done(name: str, check: Check) -> Finding:
@@ -204,6 +219,25 @@ def _process(bus: Bus, process: str) -> Finding:
     if not found:
         return Finding(f"process {process}", FAILED, "its beat does not come back from the router", "see its log")
     return Finding(f"process {process}", OK, f"pid {found[0].pid}, {found[0].errors} warnings and errors")
+
+
+def _unheard(host: str, process: ProcessReport) -> Finding:
+    """A process that its supervisor looks after and that tells nothing of its health."""
+    name, number = f"process {host}/{process.process}", process.pid
+    if process.state == "starting":
+        return Finding(name, WARNING, f"pid {number} is starting", f"see zsight logs {process.process}")
+    if process.state == "waiting":
+        reason = process.crash.reason if process.crash else "not known why"
+        return Finding(name, FAILED, f"it ended ({reason}) and will be started again", "see zsight node info")
+    advice = f"where it stays so, kill -KILL {number} on {host}: it is started again"
+    return Finding(name, FAILED, f"pid {number} runs and does not answer", advice)
+
+
+def _unpublished(camera: str, clouds: Topic) -> Finding:
+    """A camera that others count on and nobody is."""
+    readers = ", ".join(sorted({beat.process for beat, _ in clouds.readers}))
+    found = f"nobody publishes {clouds.key}, which is read by {readers}"
+    return Finding(f"camera {camera}", WARNING, found, "start the camera, or see what became of it: zsight up --hosts")
 
 
 def _cell(beats: list[Health], network: Network) -> Finding:

@@ -43,7 +43,7 @@ _NO_USE = 2  # exit code of a process whose settings make no sense: starting it 
 
 @dataclass(eq=False)
 class Child:
-    """A process of the table and its present incarnation."""
+    """A process of the table and its present incarnation: ``alive`` while it is heard of, ``ready`` once it was."""
 
     entry: ProcessEntry
     process: subprocess.Popen[bytes] | None = None
@@ -55,6 +55,7 @@ class Child:
     crash: Crash | None = None
     last_words: deque[str] = field(default_factory=lambda: deque(maxlen=40))
     alive: threading.Event = field(default_factory=threading.Event)
+    ready: bool = False
 
     @property
     def pid(self) -> int | None:
@@ -63,7 +64,8 @@ class Child:
 
     def report(self) -> ProcessReport:
         """How it is, and how it ended the last time."""
-        running = "running" if self.alive.is_set() else "starting"
+        unheard = "silent" if self.ready else "starting"
+        running = "running" if self.alive.is_set() else unheard
         resting = "ended" if self.finished else "waiting"
         return ProcessReport(
             process=self.entry.name,
@@ -178,6 +180,7 @@ class Supervisor:
             child.process.stdin.close()
         child.process = None
         child.alive.clear()
+        child.ready = False
         child.note_end(code)
         if code in (0, _NO_USE):
             child.finished = True
@@ -228,6 +231,7 @@ class Supervisor:
             if child.entry.name == name:
                 if alive:
                     child.alive.set()
+                    child.ready = True
                 else:
                     child.alive.clear()
 

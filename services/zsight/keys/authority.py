@@ -117,7 +117,12 @@ class Authority:
         self._tell_router([identity for identity in self.hosts() if identity.host != host])
 
     def hosts(self) -> list[Identity]:
-        """All hosts that are welcome, the router among them."""
+        """All hosts that are welcome, the router among them.
+
+        Raises:
+            UsageError: there is no authority.
+        """
+        self._load()
         return read_hosts(self._router) if (self._router / HOSTS).exists() else []
 
     @property
