@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import itertools
+import json
 import os
 from typing import TYPE_CHECKING, Any, cast
 
 import pytest
-from tests.services.recordings import START, cloud, follow, sample, transform
+from tests.services.recordings import START, cloud, damage, follow, sample, transform
 from tests.services.running import running
 from tests.services.waiting import DEADLINE, soon
+from typer.testing import CliRunner
 
+from zsight.cli import bag
 from zsight.cli.player_keys import PlayerKeys
 from zsight.convert import points_of
 from zsight.errors import NobodyAnswers, RequestRefused, UsageError
@@ -268,6 +271,28 @@ def test_a_torn_file_is_played_as_far_as_it_goes(join_memory: Join, recorded: Pa
     numbers = [number_of(payload) for _, payload in came.all]
     assert 10 < len(numbers) < COUNT
     assert numbers == list(range(len(numbers)))
+
+
+def test_a_damaged_chunk_is_left_out_and_told(join_memory: Join, recorded: Path, tmp_path: Path) -> None:
+    damaged = damage(recorded, 3, tmp_path / "damaged.mcap")
+    here, there = join_memory(), join_memory()
+    came = follow(there, "test/kinect/points")
+    playing = play(here, damaged, rate=20)
+    state = to_the_end(playing)
+    assert (state.damaged, "is damaged" in state.message) == (1, True)
+    assert [number_of(payload) for _, payload in came.all] == [n for n in range(COUNT) if n // 7 != 3]
+
+
+def test_the_command_says_that_a_chunk_was_left_out(
+    join_memory: Join, recorded: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("zsight.runtime.join", lambda _: join_memory())
+    damaged = str(damage(recorded, 3, tmp_path / "damaged.mcap"))
+    told = CliRunner().invoke(bag.app, ["play", damaged, "--rate", "20"])
+    assert (told.exit_code, "1 damaged chunks were left out" in told.stderr) == (1, True)
+    counted = CliRunner().invoke(bag.app, ["play", damaged, "--rate", "20", "--json"])
+    assert (counted.exit_code, json.loads(counted.stdout)["damaged"]) == (1, 1)
+    assert CliRunner().invoke(bag.app, ["play", str(recorded), "--rate", "20"]).exit_code == 0
 
 
 def test_what_no_row_knows_is_sent_as_it_came(join_memory: Join, tmp_path: Path) -> None:

@@ -184,7 +184,7 @@ def play(
     connect: Connect = None,
     namespace: Namespace = None,
 ) -> None:
-    """Send a recording as if it were live.
+    """Send a recording as if it were live; exit code 1 where damaged parts of it were left out.
 
     At a terminal: space pauses and goes on, . sends the next message, the arrow keys seek by 1 and 10 seconds, + and -
     change the rate, q ends. Programs do the same by requests.
@@ -215,6 +215,9 @@ def play(
         say(f"{state.sent} messages sent; {state.late_p99_ms:.2f} ms late at most, but for 1 % of them")
         if state.skipped:
             say(f"{state.skipped} messages were not sent: {state.message or 'we have no message of their type'}")
+        if state.damaged:
+            say(f"{state.damaged} damaged chunks were left out; mend it with: zsight bag recover {file}")
+    raise typer.Exit(1 if state.damaged else 0)
 
 
 def _watch(playing: Player, keys: Any, line: Any) -> None:

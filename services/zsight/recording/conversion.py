@@ -54,7 +54,7 @@ def convert(
         Messages in the new file; by topic, those that are not.
 
     Raises:
-        UsageError: the source cannot be read, or the target is there already.
+        UsageError: the source cannot be read or is damaged, or the target is there already.
     """
     recording = open_recording(source)
     left, sent = Counter(recording.skipped), Counter[int]()

@@ -52,7 +52,7 @@ def export(
         Clouds that were written; by key, those that could not.
 
     Raises:
-        UsageError: the source cannot be read, there are no such clouds, or a file is there already.
+        UsageError: the source cannot be read or is damaged, there are no such clouds, or a file is there already.
     """
     if kind not in KINDS:
         raise UsageError(f"clouds are to become {kind!r}; expected one of {', '.join(KINDS)}")

@@ -71,7 +71,7 @@ def copy(
         say: told the share of it that is done, 0 to 1.
 
     Raises:
-        UsageError: a source cannot be read, or the target is there already.
+        UsageError: a source cannot be read or is damaged, or the target is there already.
     """
     wanted, stored = part or Part(), "" if compression == "none" else compression
     if any(source.resolve() == target.resolve() for source in sources):
@@ -101,11 +101,8 @@ def copy(
 
 def _wanted(file: McapFile, part: Part) -> Iterator[tuple[McapFile, Entry]]:
     channels = {channel.id for channel in file.channels.values() if part.wants(channel)}
-    try:
-        for entry in file.messages(part.start, part.end, channels):
-            yield file, entry
-    except ValueError as error:
-        raise UsageError(f"{file.path} is damaged: {error}; mend it first with: zsight bag recover") from None
+    for entry in file.messages(part.start, part.end, channels):
+        yield file, entry
 
 
 class _Writer:
