@@ -8,6 +8,8 @@ import os
 from typing import TYPE_CHECKING, Any, cast
 
 import pytest
+from rosbags.rosbag1 import Writer
+from rosbags.typesys import Stores, get_typestore
 from tests.services.recordings import START, cloud, damage, follow, sample, transform
 from tests.services.running import running
 from tests.services.waiting import DEADLINE, soon
@@ -293,6 +295,25 @@ def test_the_command_says_that_a_chunk_was_left_out(
     counted = CliRunner().invoke(bag.app, ["play", damaged, "--rate", "20", "--json"])
     assert (counted.exit_code, json.loads(counted.stdout)["damaged"]) == (1, 1)
     assert CliRunner().invoke(bag.app, ["play", str(recorded), "--rate", "20"]).exit_code == 0
+
+
+def test_the_command_fails_where_a_bag_cannot_be_read_on(
+    join_memory: Join, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    store = get_typestore(Stores.ROS1_NOETIC)
+    path = tmp_path / "a.bag"
+    writer = Writer(path)
+    writer.set_compression(Writer.CompressionFormat.BZ2)
+    with writer as made:
+        topic = made.add_connection("/kinect/points", "sensor_msgs/msg/PointCloud2", typestore=store)
+        made.write(topic, START, bytes(1000))
+    content = bytearray(path.read_bytes())
+    content[content.index(b"BZh9") + 10] ^= 0xFF
+    path.write_bytes(content)
+    monkeypatch.setattr("zsight.runtime.join", lambda _: join_memory())
+    told = CliRunner().invoke(bag.app, ["play", str(path), "--rate", "20"])
+    assert isinstance(told.exception, UsageError)
+    assert "a.bag is damaged" in str(told.exception)
 
 
 def test_what_no_row_knows_is_sent_as_it_came(join_memory: Join, tmp_path: Path) -> None:

@@ -226,12 +226,13 @@ def _watch(playing: Player, keys: Any, line: Any) -> None:
         playback = playing.playback
         if playback is None or keys.ended:
             return
-        if playback.wait_ended(0.1) and not keys.is_on:
+        has_ended = playback.wait_ended(0.1)
+        if playback.error is not None:
+            raise playback.error
+        if has_ended and not keys.is_on:
             return
         line(_playing_words(playing.state()))
         playing.tell()
-        if playback.error is not None:
-            raise playback.error
 
 
 def _playing_words(state: PlayerState) -> str:
