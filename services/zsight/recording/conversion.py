@@ -72,7 +72,7 @@ def convert(
             if file.write(sample):
                 file.mcap.close_chunk("" if compression == "none" else compression)
             count += 1
-        file.finish("" if compression == "none" else compression)
+        file.finish("" if compression == "none" else compression, whole=True)
     except BaseException:
         target.unlink(missing_ok=True)
         raise

@@ -78,17 +78,21 @@ def _as_mcap(recording: Recorded, lines: list[Line], target: Path) -> tuple[int,
     from zsight.recording.conversion import as_sample
 
     file, sent, left, count = RecordingFile(target, "zsight", {}), Counter[int](), Counter[str](), 0
-    for played in recording.messages(recording.start_ns, None, lines):
-        sent[played.line.number] += 1
-        try:
-            sample = as_sample(played, "zsight", sent[played.line.number])
-        except ProtocolError:
-            left[played.line.key] += 1
-            continue
-        count += 1
-        if file.write(sample):
-            file.mcap.close_chunk()
-    file.finish()
+    try:
+        for played in recording.messages(recording.start_ns, None, lines):
+            sent[played.line.number] += 1
+            try:
+                sample = as_sample(played, "zsight", sent[played.line.number])
+            except ProtocolError:
+                left[played.line.key] += 1
+                continue
+            count += 1
+            if file.write(sample):
+                file.mcap.close_chunk()
+        file.finish(whole=True)
+    except BaseException:
+        target.unlink(missing_ok=True)
+        raise
     return count, dict(left)
 
 

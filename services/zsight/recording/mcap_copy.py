@@ -152,4 +152,4 @@ class _Writer:
         return self._known[known]
 
     def finish(self) -> None:
-        self._mcap.finish(self._compression)
+        self._mcap.finish(self._compression, whole=True)
