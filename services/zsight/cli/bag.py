@@ -101,18 +101,24 @@ def record(
 
 @contextlib.contextmanager
 def _until_told() -> Iterator[None]:
-    """Ctrl-C and a request to end are no failure here."""
+    """Ctrl-C, a request to end and a terminal that is closed are no failure here."""
     import signal
 
-    def interrupt(*_: object) -> None:
+    from zsight.stop_signals import stop_signals
+
+    def interrupt(number: int, _: object) -> None:
+        if number == signal.SIGHUP:  # which the shell and the system both send: the second one must end nothing
+            signal.signal(number, signal.SIG_IGN)
         raise KeyboardInterrupt
 
-    before = signal.signal(signal.SIGTERM, interrupt)
+    before = {number: signal.signal(number, interrupt) for number in stop_signals()}
     try:
         with contextlib.suppress(KeyboardInterrupt):
             yield
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for number, handler in before.items():
+            if signal.getsignal(number) is interrupt:
+                signal.signal(number, handler)
 
 
 @contextlib.contextmanager
