@@ -62,6 +62,15 @@ def write(
     return path
 
 
+def copy_one(source: Path, target: Path) -> object:
+    return copy([source], target)
+
+
+def compressions(path: Path) -> set[str]:
+    with McapFile.open(path) as file:
+        return {chunk.compression for chunk in file.chunks}
+
+
 def numbers(path: Path) -> list[int]:
     with McapFile.open(path) as file:
         assert file.damage == ""
@@ -179,6 +188,28 @@ def test_a_chunk_whose_beginning_was_wiped_out_is_damaged(tmp_path: Path, begin:
     assert not check(tmp_path / "wiped.mcap")["sound"]
     with pytest.raises(UsageError, match="is damaged"):
         copy([tmp_path / "wiped.mcap"], tmp_path / "new.mcap")
+
+
+@pytest.mark.parametrize("compression", ["", "lz4", "zstd"])
+@pytest.mark.parametrize("take", [copy_one, convert, lambda source, target: export(source, target, "mcap")])
+def test_the_compression_is_kept(tmp_path: Path, compression: str, take: Callable[[Path, Path], object]) -> None:
+    take(write(tmp_path / "whole.mcap", compression=compression), tmp_path / "new.mcap")
+    assert compressions(tmp_path / "new.mcap") == {compression}
+
+
+def test_the_compression_is_the_one_asked_for_or_that_of_the_sources(tmp_path: Path) -> None:
+    plain = write(tmp_path / "plain.mcap", compression="")
+    packed = write(tmp_path / "packed.mcap", compression="lz4")
+    copy([plain, packed], tmp_path / "both.mcap")
+    assert compressions(tmp_path / "both.mcap") == {"lz4"}
+    copy([packed], tmp_path / "unpacked.mcap", compression="none")
+    assert compressions(tmp_path / "unpacked.mcap") == {""}
+    convert(packed, tmp_path / "other.mcap", compression="zstd")
+    assert compressions(tmp_path / "other.mcap") == {"zstd"}
+    for name in ("auto", "gzip"):
+        with pytest.raises(UsageError, match=f"compression is '{name}'; expected"):
+            convert(packed, tmp_path / "refused.mcap", compression=name)
+    assert not (tmp_path / "refused.mcap").exists()
 
 
 @pytest.mark.parametrize("cut", [0.2, 0.5, 0.9, 0.999])

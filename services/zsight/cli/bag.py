@@ -280,7 +280,9 @@ def info(file: File, json: Json = False) -> None:
 
 
 Target = Annotated[Path, typer.Option("--output", "-o", metavar="FILE", help="The new file.")]
-Compression = Annotated[str, typer.Option("--compression", help="none, lz4 or zstd.")]
+Compression = Annotated[
+    str | None, typer.Option("--compression", help="none, lz4 or zstd; that of the source if not given.")
+]
 
 
 @app.command()
@@ -289,6 +291,7 @@ def recover(
     output: Annotated[
         Path | None, typer.Option("--output", "-o", metavar="FILE", help="NAME.recovered.mcap if not given.")
     ] = None,
+    compression: Compression = None,
     json: Json = False,
 ) -> None:
     """Make a good file of a torn one; the torn one stays as it is."""
@@ -296,7 +299,7 @@ def recover(
 
     target = output or file.with_name(f"{file.stem}.recovered.mcap")
     with _progress() as say_share:
-        copied = copy([file], target, walk=True, say=say_share)
+        copied = copy([file], target, compression=compression, walk=True, say=say_share)
     report = {"file": str(target), "messages": copied.messages, "damage": copied.damage}
     if json:
         print_json(report)
@@ -333,7 +336,7 @@ def cut(
     end: Annotated[float | None, typer.Option("--end", help="Seconds from the beginning.")] = None,
     topics: Annotated[str, typer.Option("--topics", metavar="REGEX", help="Only keys that contain this.")] = "",
     exclude: Annotated[str, typer.Option("--exclude", metavar="REGEX", help="No keys that contain this.")] = "",
-    compression: Compression = "none",
+    compression: Compression = None,
     json: Json = False,
 ) -> None:
     """A part of a recording as a file of its own, which begins with what was in force there."""
@@ -350,19 +353,16 @@ def cut(
 def merge(
     files: Annotated[list[Path], typer.Argument(metavar="FILE...", help=".mcap files.")],
     output: Target,
-    compression: Compression = "none",
+    compression: Compression = None,
     json: Json = False,
 ) -> None:
     """Several recordings as one, in the order of time."""
     _copy(files, output, None, compression, json)
 
 
-def _copy(files: list[Path], output: Path, part: Any, compression: str, json: bool) -> None:
-    from zsight.recording.compression import require_choice
+def _copy(files: list[Path], output: Path, part: Any, compression: str | None, json: bool) -> None:
     from zsight.recording.mcap_copy import copy
 
-    if require_choice(compression) == "auto":
-        raise UsageError("compression is auto; expected none, lz4 or zstd: a file is not measured against anything")
     with _progress() as say_share:
         copied = copy(files, output, part=part, compression=compression, say=say_share)
     if json:
@@ -377,7 +377,7 @@ def _copy(files: list[Path], output: Path, part: Any, compression: str, json: bo
 def convert(
     file: File,
     output: Target,
-    compression: Compression = "none",
+    compression: Compression = None,
     namespace: Annotated[str, typer.Option("--namespace", help="Of the keys in the new file.")] = "zsight",
     json: Json = False,
 ) -> None:

@@ -50,7 +50,7 @@ class BagRecording:
         # A camera that plays a bag has no moment at which it would close it.
         self._closing = weakref.finalize(self, self._reader.close)
         self._path = path
-        self.damage = ""
+        self.damage = self.compression = ""
         self.skipped: dict[str, int] = {}
         self.start_ns, self.end_ns = self._reader.start_time, self._reader.end_time
         self._connections: dict[int, Connection] = {}

@@ -88,8 +88,8 @@ def _as_mcap(recording: Recorded, lines: list[Line], target: Path) -> tuple[int,
                 continue
             count += 1
             if file.write(sample):
-                file.mcap.close_chunk()
-        file.finish(whole=True)
+                file.mcap.close_chunk(recording.compression)
+        file.finish(recording.compression, whole=True)
     except BaseException:
         target.unlink(missing_ok=True)
         raise

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from zsight.errors import UsageError
+from zsight.recording.compression import stored_name
 from zsight.recording.mcap_file import McapFile
 from zsight.recording.mcap_records import Metadata
 from zsight.recording.mcap_writer import McapWriter
@@ -56,7 +57,7 @@ def copy(
     target: Path,
     *,
     part: Part | None = None,
-    compression: str = "none",
+    compression: str | None = None,
     walk: bool = False,
     say: Callable[[float], object] = lambda _: None,
 ) -> Copied:
@@ -66,19 +67,20 @@ def copy(
         sources: files, whole or torn.
         target: the new file.
         part: what is taken over; everything if not given.
-        compression: none, lz4 or zstd.
+        compression: none, lz4 or zstd; that of the sources if not given.
         walk: through the sources even where they have an index.
         say: told the share of it that is done, 0 to 1.
 
     Raises:
         UsageError: a source cannot be read or is damaged, or the target is there already.
     """
-    wanted, stored = part or Part(), "" if compression == "none" else compression
+    wanted = part or Part()
     if any(source.resolve() == target.resolve() for source in sources):
         raise UsageError(f"{target} is one of the files that are read: choose another name")
     files = [McapFile.open(source, walk=walk) for source in sources]
     copied = Copied(damage=[f"{file.path}: {file.damage}" for file in files if file.damage])
     total = sum(file.statistics.messages for file in files)
+    stored = stored_name(compression, next((file.compression for file in files if file.compression), ""))
     writer = _Writer(McapWriter(target, files[0].library), stored)
     try:
         writer.begin(files, wanted)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import heapq
 import mmap
 import struct
+from collections import Counter
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Self
 
@@ -121,6 +122,12 @@ class McapFile:
     def __exit__(self, *_: object) -> None:
         """Close."""
         self.close()
+
+    @property
+    def compression(self) -> str:
+        """Of most of its compressed chunks, as MCAP calls it; empty where there are none."""
+        kinds = Counter(chunk.compression for chunk in self.chunks if chunk.compression)
+        return max(kinds, key=kinds.__getitem__, default="")
 
     def close(self) -> None:
         """Close; where messages of it are still in use, their memory stays until they are not."""

@@ -46,7 +46,7 @@ class McapRecording:
         """
         self.file = McapFile.open(path)
         self.file.left_out = left_out
-        self.damage = self.file.damage
+        self.damage, self.compression = self.file.damage, self.file.compression
         self.skipped: dict[str, int] = {}
         about = next((m.entries for m in self.file.metadata if m.name == ABOUT), {})
         self.namespace = about.get("namespace", "")
