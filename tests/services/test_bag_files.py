@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 import tracemalloc
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +15,9 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Bag2Writer
 from rosbags.typesys import Stores, get_typestore
 from tests.services.recordings import START, cloud, damage, sample, transform
+from typer.testing import CliRunner
 
+from zsight.cli import bag
 from zsight.convert import points_of
 from zsight.errors import UsageError
 from zsight.recording.about import about
@@ -210,6 +213,31 @@ def test_the_compression_is_the_one_asked_for_or_that_of_the_sources(tmp_path: P
         with pytest.raises(UsageError, match=f"compression is '{name}'; expected"):
             convert(packed, tmp_path / "refused.mcap", compression=name)
     assert not (tmp_path / "refused.mcap").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--start", "50"], "from 50 s on is empty: .* is 0.990 s long"),
+        (["--start", "0.6", "--end", "0.4"], "from 0.6 s on is empty"),
+        (["--end", "0"], "from 0 s on is empty"),
+        (["--topics", "nothing"], "holds nothing that can be taken over"),
+    ],
+)
+def test_a_part_with_nothing_in_it_is_refused(tmp_path: Path, options: list[str], words: str) -> None:
+    whole, target = write(tmp_path / "whole.mcap"), tmp_path / "part.mcap"
+    told = CliRunner().invoke(bag.app, ["cut", str(whole), "-o", str(target), *options])
+    assert isinstance(told.exception, UsageError)
+    assert re.search(words, str(told.exception))
+    assert not target.exists()
+
+
+def test_what_holds_nothing_is_not_mended(tmp_path: Path) -> None:
+    torn = tmp_path / "torn.mcap"
+    torn.write_bytes(write(tmp_path / "whole.mcap").read_bytes()[:600])
+    with pytest.raises(UsageError, match="holds nothing that can be taken over: the file ends without its index"):
+        copy([torn], tmp_path / "mended.mcap", walk=True)
+    assert not (tmp_path / "mended.mcap").exists()
 
 
 @pytest.mark.parametrize("cut", [0.2, 0.5, 0.9, 0.999])

@@ -344,8 +344,11 @@ def cut(
     from zsight.recording.mcap_file import McapFile
 
     with McapFile.open(file) as opened:
-        begin = opened.statistics.start
-    times = [None if seconds is None else begin + int(seconds * 1e9) for seconds in (start, end)]
+        first, last = opened.statistics.start, opened.statistics.end
+    times = [None if seconds is None else first + int(seconds * 1e9) for seconds in (start, end)]
+    begin, stop = first if times[0] is None else times[0], last + 1 if times[1] is None else times[1]
+    if max(begin, first) >= min(stop, last + 1):
+        raise UsageError(f"the part from {start or 0:g} s on is empty: {file} is {(last - first) / 1e9:.3f} s long")
     _copy([file], output, Part(times[0], times[1], topics, exclude), compression, json)
 
 

@@ -72,7 +72,7 @@ def copy(
         say: told the share of it that is done, 0 to 1.
 
     Raises:
-        UsageError: a source cannot be read or is damaged, or the target is there already.
+        UsageError: a source cannot be read or is damaged, nothing is to be taken over, or the target is there already.
     """
     wanted = part or Part()
     if any(source.resolve() == target.resolve() for source in sources):
@@ -90,6 +90,10 @@ def copy(
             copied.messages += 1
             if number % _SAY_EVERY == 0:
                 say(number / max(total, 1))
+        if writer.is_empty:
+            damage = [file.damage for file in files if file.damage]
+            words = "; ".join(damage) or "no message of it is wanted"
+            raise UsageError(f"{', '.join(map(str, sources))} holds nothing that can be taken over: {words}")
         writer.finish()
     except BaseException:
         target.unlink(missing_ok=True)
@@ -133,6 +137,11 @@ class _Writer:
             if entry is not None:
                 number = self._channel(file, channel, in_force=True)
                 self._mcap.add(number, start, entry.publish_time, entry.sequence, [entry.data])
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether no message was taken over, nor one that was in force."""
+        return not self._known
 
     def add(self, file: McapFile, entry: Entry) -> None:
         number = self._channel(file, entry.channel, in_force=False)
