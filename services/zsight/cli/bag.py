@@ -403,13 +403,14 @@ def export(
     output: Annotated[Path, typer.Option("--output", "-o", metavar="FOLDER", help="Where the files go.")],
     kind: Annotated[str, typer.Option("--to", help="pcd, ply, rgbd (image pairs), or mcap (plain clouds).")] = "pcd",
     key: Annotated[str, typer.Option("--key", help="Only clouds on this key, without namespace.")] = "",
+    force: Annotated[bool, typer.Option("--force", help="Overwrite clouds that are there.")] = False,
     json: Json = False,
 ) -> None:
     """Every cloud of a recording as a file of its own; exit code 1 where some cannot be."""
     from zsight.recording.export import export as export_clouds
 
     with _progress() as say_share:
-        count, left = export_clouds(file, output, kind, key=key, say=say_share)
+        count, left = export_clouds(file, output, kind, key=key, overwrite=force, say=say_share)
     if json:
         print_json({"output": str(output), "written": count, "left_out": left})
     else:

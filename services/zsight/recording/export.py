@@ -36,7 +36,13 @@ _LARGEST_RESIDUAL = 0.5  # pixels; a cloud that fits a pinhole worse is no depth
 
 
 def export(
-    source: Path, folder: Path, kind: str, *, key: str = "", say: Callable[[float], object] = lambda _: None
+    source: Path,
+    folder: Path,
+    kind: str,
+    *,
+    key: str = "",
+    overwrite: bool = False,
+    say: Callable[[float], object] = lambda _: None,
 ) -> tuple[int, dict[str, int]]:
     """Write every cloud of a recording as a file of its own, named after its key and its stamp.
 
@@ -46,6 +52,7 @@ def export(
         kind: pcd, ply, rgbd (pairs NAME-color.png and NAME-depth.png with camera.toml), or mcap: everything in one
             file, depth-coded clouds as plain ones.
         key: only clouds on this key, without namespace.
+        overwrite: clouds that are there; an MCAP file is never overwritten.
         say: told the share of it that is done, 0 to 1.
 
     Returns:
@@ -65,7 +72,7 @@ def export(
         if kind == "mcap":
             return _as_mcap(recording, lines, folder)
         folder.mkdir(parents=True, exist_ok=True)
-        return _as_files(recording, lines, folder, kind, say)
+        return _as_files(recording, lines, folder, kind, say, overwrite=overwrite)
     finally:
         recording.close()
 
@@ -97,29 +104,41 @@ def _as_mcap(recording: Recorded, lines: list[Line], target: Path) -> tuple[int,
 
 
 def _as_files(
-    recording: Recorded, lines: list[Line], folder: Path, kind: str, say: Callable[[float], object]
+    recording: Recorded,
+    lines: list[Line],
+    folder: Path,
+    kind: str,
+    say: Callable[[float], object],
+    *,
+    overwrite: bool,
 ) -> tuple[int, dict[str, int]]:
-    write = {"pcd": _write_pcd, "ply": _write_ply, "rgbd": _write_rgbd}[kind]
-    span, count, left = max(recording.end_ns - recording.start_ns, 1), 0, Counter[str]()
+    write, ending = _WRITERS[kind]
+    span, made, left = max(recording.end_ns - recording.start_ns, 1), set[str](), Counter[str]()
     for played in recording.messages(recording.start_ns, None, lines):
         say((played.log_time - recording.start_ns) / span)
         try:
             cloud = played.load()
             if isinstance(cloud, PointCloud2):
                 name = f"{played.line.key.replace('/', '_')}_{cloud.header.stamp.ns}"
+                if name in made:
+                    left[f"{played.line.key}: there is a cloud of the same stamp before it"] += 1
+                    continue
+                file = folder / f"{name}{ending}"
+                if file.exists() and not overwrite:
+                    raise UsageError(f"{file} is there already: choose another folder, or overwrite with --force")
                 write(folder, name, points_of(cloud), partial(_calibration, recording, played))
-                count += 1
+                made.add(name)
         except (ProtocolError, CoreError) as error:
             left[f"{played.line.key}: {error}"] += 1
-    return count, dict(left)
+    return len(made), dict(left)
 
 
 def _write_pcd(folder: Path, name: str, points: Points, _: Any) -> None:
-    pcd.write(folder / f"{name}.pcd", points)
+    pcd.write(folder / f"{name}.pcd", points, overwrite=True)
 
 
 def _write_ply(folder: Path, name: str, points: Points, _: Any) -> None:
-    ply.write(folder / f"{name}.ply", points)
+    ply.write(folder / f"{name}.ply", points, overwrite=True)
 
 
 def _write_rgbd(folder: Path, name: str, points: Points, calibration: Callable[[], Pinhole | None]) -> None:
@@ -135,6 +154,9 @@ def _write_rgbd(folder: Path, name: str, points: Points, calibration: Callable[[
     colour = colours(points) if has_colour(points) else np.zeros((*points.shape, 3), np.uint8)
     Image.fromarray(depth).save(folder / f"{name}-depth.png")
     Image.fromarray(colour).save(folder / f"{name}-color.png")
+
+
+_WRITERS = {"pcd": (_write_pcd, ".pcd"), "ply": (_write_ply, ".ply"), "rgbd": (_write_rgbd, "-depth.png")}
 
 
 def _known(folder: Path) -> Pinhole | None:
