@@ -215,6 +215,24 @@ def test_the_compression_is_the_one_asked_for_or_that_of_the_sources(tmp_path: P
     assert not (tmp_path / "refused.mcap").exists()
 
 
+@pytest.mark.parametrize("offset", [-2000, -30, 0, 300])  # of the wiped place from the beginning of a chunk
+def test_what_follows_a_wiped_place_is_recovered_where_the_index_is_there(tmp_path: Path, offset: int) -> None:
+    whole = write(tmp_path / "whole.mcap", compression="zstd")
+    with McapFile.open(whole) as file:
+        chunks, metadata = file.chunks, file.metadata
+    place = chunks[5].offset + offset
+    content = bytearray(whole.read_bytes())
+    content[place : place + 600] = bytes(600)
+    (tmp_path / "wiped.mcap").write_bytes(content)
+    copy([tmp_path / "wiped.mcap"], tmp_path / "mended.mcap", walk=True)
+    hit = [n for n, c in enumerate(chunks) if c.offset < place + 600 and place < c.offset + c.length]
+    assert numbers(tmp_path / "mended.mcap") == [n for n in range(COUNT) if n // 10 not in hit]
+    assert check(tmp_path / "mended.mcap")["sound"]
+    assert not check(tmp_path / "wiped.mcap")["sound"]
+    with McapFile.open(tmp_path / "mended.mcap") as file:
+        assert file.metadata == metadata
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [

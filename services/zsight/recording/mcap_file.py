@@ -110,7 +110,7 @@ class McapFile:
             raise UsageError(f"{path} is no MCAP file: it begins with {bytes(file._view[:8])!r}")
         has_index = file._read_summary()
         if walk or not has_index:
-            file._walk()
+            file._walk(has_index=has_index)
         if not has_index and not file.damage:
             file.damage = "its index is missing or damaged"
         return file
@@ -213,10 +213,12 @@ class McapFile:
 
     # By walking.
 
-    def _walk(self) -> None:
-        """Find everything without an index; the last chunk may be torn."""
-        self.schemas, self.channels, self.chunks = {}, {}, []
-        self.metadata, self.attachments, self.statistics = [], [], Statistics()
+    def _walk(self, *, has_index: bool) -> None:
+        """Find everything record by record; the last chunk may be torn. What is not reached is taken from the index."""
+        indexed = self.chunks, self.metadata, self.attachments
+        if not has_index:
+            self.schemas, self.channels, indexed = {}, {}, ([], [], [])
+        self.chunks, self.metadata, self.attachments, self.statistics = [], [], [], Statistics()
         end, finished = len(MAGIC), False
         loose: list[Chunk] = []
         for opcode, body, place in self._records(len(MAGIC), len(self._view)):
@@ -236,9 +238,18 @@ class McapFile:
                 self.damage = f"the record at byte {place} is damaged: {error}"
             end = place + _RECORD.size + len(body)
         self.chunks += loose
-        if not finished:
+        if not finished and has_index:
+            self.damage = f"there is no record at byte {end}"
+        elif not finished:
             self._take_torn(end)
+        self._take_missed(*indexed)
         self._count()
+
+    def _take_missed(self, chunks: list[Chunk], metadata: list[Metadata], attachments: list[Attachment]) -> None:
+        found = {chunk.offset for chunk in self.chunks}
+        self.chunks += [chunk for chunk in chunks if chunk.offset not in found]
+        self.metadata += [entry for entry in metadata if entry not in self.metadata]
+        self.attachments += [entry for entry in attachments if entry not in self.attachments]
 
     def _take_chunk(self, body: memoryview, place: int, *, torn: bool = False) -> None:
         fields = Fields(body)
