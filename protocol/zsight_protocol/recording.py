@@ -105,6 +105,7 @@ class PlayerState(Message):
 
     ``position`` and ``duration`` are seconds from the beginning of the recording, whose first message was recorded at
     ``start_ns`` (epoch). ``late_p99_ms`` tells how late messages of late were sent, measured against their time.
+    ``damaged`` counts the chunks of the recording that were left out because they are damaged.
     """
 
     header: Header
@@ -120,6 +121,7 @@ class PlayerState(Message):
     loop: bool = False
     sent: Count = 0
     skipped: Count = 0
+    damaged: Count = 0
     late_p99_ms: Float64 = 0.0
 
 

@@ -23,6 +23,7 @@ from zsight.keys.identity import Roster, read_identity
 from zsight.log_book import LogBook, start_logging
 from zsight.network import Network
 from zsight.parameters import Parameters, Saved, serve_parameters
+from zsight.stop_signals import stop_signals
 from zsight_core.errors import CoreError
 from zsight_protocol.channels import Cell
 from zsight_protocol.codec import encode
@@ -162,7 +163,7 @@ def _served(
 
 
 def _stop_on_signals(stopping: threading.Event) -> None:
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in stop_signals():
         signal.signal(number, lambda *_: stopping.set())
     if os.environ.get(SUPERVISED):
         threading.Thread(target=_stop_with_input, args=(stopping,), name="supervised", daemon=True).start()

@@ -10,6 +10,7 @@ from tests.services.waiting import Arrivals
 
 from zsight.bus.attachment import Attachment
 from zsight.convert import cloud_from_points
+from zsight.recording.mcap_file import McapFile
 from zsight.recording.sample import Sample
 from zsight_core.points import from_xyz
 from zsight_protocol.channels import Delivery
@@ -18,10 +19,12 @@ from zsight_protocol.geometry import Quaternion, Transform, TransformList, Trans
 from zsight_protocol.message import Header, Message, Time
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from zsight.bus import Bus
     from zsight_protocol.point_cloud import PointCloud2
 
-__all__ = ["START", "cloud", "follow", "sample", "transform"]
+__all__ = ["START", "cloud", "damage", "follow", "sample", "transform"]
 
 START = 1_700_000_000 * 10**9
 """When made-up recordings begin, ns since the epoch."""
@@ -45,6 +48,16 @@ def sample(key: str, message: Message | bytes, at_ns: int, *, sequence: int = 1,
     """A message as the recorder gets it."""
     payload = message if isinstance(message, bytes) else encode(message)
     return Sample(key, payload, Attachment(writer, sequence, at_ns - 1000), at_ns)
+
+
+def damage(path: Path, chunk: int, target: Path) -> Path:
+    """The same file with one bit changed in the middle of a chunk, and its index as it was."""
+    content = bytearray(path.read_bytes())
+    with McapFile.open(path) as file:
+        wanted = file.chunks[chunk]
+    content[wanted.offset + wanted.length // 2] ^= 1
+    target.write_bytes(content)
+    return target
 
 
 def follow(bus: Bus, *keys: str) -> Arrivals[tuple[str, bytes]]:

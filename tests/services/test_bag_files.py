@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 import tracemalloc
 from typing import TYPE_CHECKING, Any
 
@@ -13,13 +14,16 @@ from rosbags.rosbag1 import Writer as Bag1Writer
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Bag2Writer
 from rosbags.typesys import Stores, get_typestore
-from tests.services.recordings import START, cloud, sample, transform
+from tests.services.recordings import START, cloud, damage, sample, transform
+from typer.testing import CliRunner
 
+from zsight.cli import bag
 from zsight.convert import points_of
 from zsight.errors import UsageError
 from zsight.recording.about import about
 from zsight.recording.checking import check
 from zsight.recording.conversion import convert
+from zsight.recording.export import export
 from zsight.recording.mcap_copy import Part, copy
 from zsight.recording.mcap_file import McapFile
 from zsight.recording.opening import open_recording
@@ -40,7 +44,15 @@ STEP = 10_000_000
 COUNT = 100
 
 
-def write(path: Path, *, first: int = 0, count: int = COUNT, writer: int = 7, lose: int | None = None) -> Path:
+def write(
+    path: Path,
+    *,
+    first: int = 0,
+    count: int = COUNT,
+    writer: int = 7,
+    lose: int | None = None,
+    compression: str = "zstd",
+) -> Path:
     file = RecordingFile(path, "cell", {})
     file.write(sample("cell/tf_static", transform(1.0), START + first * STEP - 1, writer=99))
     for number in range(first, first + count):
@@ -48,9 +60,18 @@ def write(path: Path, *, first: int = 0, count: int = COUNT, writer: int = 7, lo
             at = START + number * STEP + writer
             file.write(sample("cell/kinect/points", cloud(number), at, sequence=number + 1, writer=writer))
         if number % 10 == 9:
-            file.mcap.close_chunk("zstd")
+            file.mcap.close_chunk(compression)
     file.finish()
     return path
+
+
+def copy_one(source: Path, target: Path) -> object:
+    return copy([source], target)
+
+
+def compressions(path: Path) -> set[str]:
+    with McapFile.open(path) as file:
+        return {chunk.compression for chunk in file.chunks}
 
 
 def numbers(path: Path) -> list[int]:
@@ -122,6 +143,119 @@ def test_check_finds_what_is_wrong(tmp_path: Path) -> None:
     bad[bad.index(b"zstd") + 100] ^= 0xFF  # inside of the first chunk
     (tmp_path / "bad.mcap").write_bytes(bad)
     assert any("damaged" in words for words in check(tmp_path / "bad.mcap")["errors"])
+
+
+AFTER = Part(start=START + 40 * STEP)  # begins with what was in force, which is in the first chunk
+
+
+@pytest.mark.parametrize("compression", ["", "lz4", "zstd"])
+@pytest.mark.parametrize(
+    ("chunk", "take"),
+    [
+        (2, lambda source, target: copy([source], target)),
+        (0, lambda source, target: copy([source], target, part=AFTER)),
+        (2, convert),
+        (2, lambda source, target: export(source, target, "mcap")),
+        (0, lambda source, target: export(source, target, "pcd")),
+    ],
+)
+def test_a_damaged_chunk_is_refused_where_all_is_wanted(
+    tmp_path: Path, chunk: int, take: Callable[[Path, Path], object], compression: str
+) -> None:
+    damaged = damage(write(tmp_path / "whole.mcap", compression=compression), chunk, tmp_path / "damaged.mcap")
+    with pytest.raises(UsageError, match=rf"is damaged: .*mend it first with: zsight bag recover {damaged}"):
+        take(damaged, tmp_path / "new.mcap")
+    copy([damaged], tmp_path / "mended.mcap", walk=True)
+    first = chunk * 10
+    assert numbers(tmp_path / "mended.mcap") == [*range(first), *range(first + 10, COUNT)]
+    take(tmp_path / "mended.mcap", tmp_path / "mended")
+
+
+@pytest.mark.parametrize("compression", ["", "lz4", "zstd"])
+def test_check_tells_every_damaged_chunk_of_a_file_with_an_index(tmp_path: Path, compression: str) -> None:
+    once = damage(write(tmp_path / "whole.mcap", compression=compression), 2, tmp_path / "once.mcap")
+    twice = damage(once, 7, tmp_path / "twice.mcap")
+    report = check(twice)
+    assert (report["sound"], report["messages"]) == (False, 81)
+    assert sum("is damaged" in words for words in report["errors"]) == 2
+
+
+@pytest.mark.parametrize("begin", [0, 9, 40])
+def test_a_chunk_whose_beginning_was_wiped_out_is_damaged(tmp_path: Path, begin: int) -> None:
+    whole = write(tmp_path / "whole.mcap", compression="zstd")
+    with McapFile.open(whole) as file:
+        chunk = file.chunks[5]
+    content = bytearray(whole.read_bytes())
+    content[chunk.offset + begin : chunk.offset + chunk.length] = bytes(chunk.length - begin)
+    (tmp_path / "wiped.mcap").write_bytes(content)
+    assert not check(tmp_path / "wiped.mcap")["sound"]
+    with pytest.raises(UsageError, match="is damaged"):
+        copy([tmp_path / "wiped.mcap"], tmp_path / "new.mcap")
+
+
+@pytest.mark.parametrize("compression", ["", "lz4", "zstd"])
+@pytest.mark.parametrize("take", [copy_one, convert, lambda source, target: export(source, target, "mcap")])
+def test_the_compression_is_kept(tmp_path: Path, compression: str, take: Callable[[Path, Path], object]) -> None:
+    take(write(tmp_path / "whole.mcap", compression=compression), tmp_path / "new.mcap")
+    assert compressions(tmp_path / "new.mcap") == {compression}
+
+
+def test_the_compression_is_the_one_asked_for_or_that_of_the_sources(tmp_path: Path) -> None:
+    plain = write(tmp_path / "plain.mcap", compression="")
+    packed = write(tmp_path / "packed.mcap", compression="lz4")
+    copy([plain, packed], tmp_path / "both.mcap")
+    assert compressions(tmp_path / "both.mcap") == {"lz4"}
+    copy([packed], tmp_path / "unpacked.mcap", compression="none")
+    assert compressions(tmp_path / "unpacked.mcap") == {""}
+    convert(packed, tmp_path / "other.mcap", compression="zstd")
+    assert compressions(tmp_path / "other.mcap") == {"zstd"}
+    for name in ("auto", "gzip"):
+        with pytest.raises(UsageError, match=f"compression is '{name}'; expected"):
+            convert(packed, tmp_path / "refused.mcap", compression=name)
+    assert not (tmp_path / "refused.mcap").exists()
+
+
+@pytest.mark.parametrize("offset", [-2000, -30, 0, 300])  # of the wiped place from the beginning of a chunk
+def test_what_follows_a_wiped_place_is_recovered_where_the_index_is_there(tmp_path: Path, offset: int) -> None:
+    whole = write(tmp_path / "whole.mcap", compression="zstd")
+    with McapFile.open(whole) as file:
+        chunks, metadata = file.chunks, file.metadata
+    place = chunks[5].offset + offset
+    content = bytearray(whole.read_bytes())
+    content[place : place + 600] = bytes(600)
+    (tmp_path / "wiped.mcap").write_bytes(content)
+    copy([tmp_path / "wiped.mcap"], tmp_path / "mended.mcap", walk=True)
+    hit = [n for n, c in enumerate(chunks) if c.offset < place + 600 and place < c.offset + c.length]
+    assert numbers(tmp_path / "mended.mcap") == [n for n in range(COUNT) if n // 10 not in hit]
+    assert check(tmp_path / "mended.mcap")["sound"]
+    assert not check(tmp_path / "wiped.mcap")["sound"]
+    with McapFile.open(tmp_path / "mended.mcap") as file:
+        assert file.metadata == metadata
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--start", "50"], "from 50 s on is empty: .* is 0.990 s long"),
+        (["--start", "0.6", "--end", "0.4"], "from 0.6 s on is empty"),
+        (["--end", "0"], "from 0 s on is empty"),
+        (["--topics", "nothing"], "holds nothing that can be taken over"),
+    ],
+)
+def test_a_part_with_nothing_in_it_is_refused(tmp_path: Path, options: list[str], words: str) -> None:
+    whole, target = write(tmp_path / "whole.mcap"), tmp_path / "part.mcap"
+    told = CliRunner().invoke(bag.app, ["cut", str(whole), "-o", str(target), *options])
+    assert isinstance(told.exception, UsageError)
+    assert re.search(words, str(told.exception))
+    assert not target.exists()
+
+
+def test_what_holds_nothing_is_not_mended(tmp_path: Path) -> None:
+    torn = tmp_path / "torn.mcap"
+    torn.write_bytes(write(tmp_path / "whole.mcap").read_bytes()[:600])
+    with pytest.raises(UsageError, match="holds nothing that can be taken over: the file ends without its index"):
+        copy([torn], tmp_path / "mended.mcap", walk=True)
+    assert not (tmp_path / "mended.mcap").exists()
 
 
 @pytest.mark.parametrize("cut", [0.2, 0.5, 0.9, 0.999])

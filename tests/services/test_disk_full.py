@@ -13,14 +13,17 @@ from tests.services.recordings import START, cloud, sample
 from tests.services.waiting import soon
 
 from zsight.recording.checking import check
+from zsight.recording.conversion import convert
 from zsight.recording.disk_writer import DiskPolicy, DiskWriter, OnFull
+from zsight.recording.export import export
 from zsight.recording.file_series import Split
+from zsight.recording.mcap_copy import copy
 from zsight.recording.mcap_file import McapFile
 from zsight.recording.mcap_writer import McapWriter
-from zsight.recording.recording_file import LOSSES
+from zsight.recording.recording_file import LOSSES, RecordingFile
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
     from pathlib import Path
 
 MIB = 1 << 20
@@ -140,3 +143,25 @@ def test_without_room_even_for_the_index_the_last_chunks_give_way(small_disk: Pa
     assert kept == list(range(len(kept)))
     assert count - 2 <= len(kept) < count
     assert writer.statistics.messages == len(kept)
+
+
+@pytest.mark.parametrize("count", [2, 30])  # less than a chunk, and more than the disk
+@pytest.mark.parametrize(
+    "take",
+    [
+        lambda source, target: copy([source], target),
+        convert,
+        lambda source, target: export(source, target, "mcap"),
+    ],
+)
+def test_a_file_made_of_another_appears_whole_or_not_at_all(
+    small_disk: Path, tmp_path: Path, count: int, take: Callable[[Path, Path], object]
+) -> None:
+    source = RecordingFile(tmp_path / "a.mcap", "cell", {})
+    for number in range(count):
+        source.write(sample("cell/kinect/points", PICTURE, START + number, sequence=number + 1))
+    source.finish()
+    (small_disk / "ballast").write_bytes(bytes(11 * MIB))
+    with pytest.raises(OSError, match="No space left"):
+        take(tmp_path / "a.mcap", small_disk / "new.mcap")
+    assert [file.name for file in small_disk.iterdir()] == ["ballast"]

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 from tests.services.recordings import START, cloud, sample, transform
+from typer.testing import CliRunner
 
+from zsight.cli import bag
 from zsight.convert import cloud_from_points, points_of
 from zsight.errors import UsageError
 from zsight.recording.depth_coder import DepthCoder
@@ -73,6 +76,32 @@ def test_clouds_become_image_pairs_that_are_read_again(recorded: Path, tmp_path:
     np.testing.assert_array_equal(colours(again), colours(seen(0)))
     count, left = export(recorded, tmp_path / "others", "rgbd", key="other/points")
     assert (count, sum(left.values())) == (0, COUNT)  # these are no depth camera's
+
+
+@pytest.mark.parametrize("kind", ["pcd", "ply", "rgbd"])
+def test_clouds_that_are_there_are_overwritten_only_where_that_is_asked_for(
+    recorded: Path, tmp_path: Path, kind: str
+) -> None:
+    options = [str(recorded), "-o", str(tmp_path / "out"), "--to", kind, "--key", "kinect/points"]
+    assert CliRunner().invoke(bag.app, ["export", *options]).exit_code == 0
+    for file in (tmp_path / "out").glob("kinect*"):
+        file.write_bytes(b"mine")
+    told = CliRunner().invoke(bag.app, ["export", *options])
+    assert isinstance(told.exception, UsageError)
+    assert re.search("is there already: choose another folder, or overwrite with --force$", str(told.exception))
+    assert {file.read_bytes() for file in (tmp_path / "out").glob("kinect*")} == {b"mine"}
+    assert CliRunner().invoke(bag.app, ["export", *options, "--force"]).exit_code == 0
+    assert all(len(file.read_bytes()) > 100 for file in (tmp_path / "out").glob("kinect*"))
+
+
+@pytest.mark.parametrize("overwrite", [False, True])
+def test_clouds_of_one_name_are_counted(tmp_path: Path, overwrite: bool) -> None:
+    file = RecordingFile(tmp_path / "a.mcap", "cell", {})
+    for number in range(3):
+        file.write(sample("cell/kinect/points", cloud(1), START + number, sequence=number + 1))
+    file.finish()
+    count, left = export(tmp_path / "a.mcap", tmp_path / "pcd", "pcd", overwrite=overwrite)
+    assert (count, left) == (1, {"kinect/points: there is a cloud of the same stamp before it": 2})
 
 
 def test_depth_coded_clouds_are_played_and_exported_as_plain_ones(tmp_path: Path) -> None:

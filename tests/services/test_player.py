@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import itertools
+import json
 import os
 from typing import TYPE_CHECKING, Any, cast
 
 import pytest
-from tests.services.recordings import START, cloud, follow, sample, transform
+from rosbags.rosbag1 import Writer
+from rosbags.typesys import Stores, get_typestore
+from tests.services.recordings import START, cloud, damage, follow, sample, transform
 from tests.services.running import running
 from tests.services.waiting import DEADLINE, soon
+from typer.testing import CliRunner
 
+from zsight.cli import bag
 from zsight.cli.player_keys import PlayerKeys
 from zsight.convert import points_of
 from zsight.errors import NobodyAnswers, RequestRefused, UsageError
@@ -268,6 +273,47 @@ def test_a_torn_file_is_played_as_far_as_it_goes(join_memory: Join, recorded: Pa
     numbers = [number_of(payload) for _, payload in came.all]
     assert 10 < len(numbers) < COUNT
     assert numbers == list(range(len(numbers)))
+
+
+def test_a_damaged_chunk_is_left_out_and_told(join_memory: Join, recorded: Path, tmp_path: Path) -> None:
+    damaged = damage(recorded, 3, tmp_path / "damaged.mcap")
+    here, there = join_memory(), join_memory()
+    came = follow(there, "test/kinect/points")
+    playing = play(here, damaged, rate=20)
+    state = to_the_end(playing)
+    assert (state.damaged, "is damaged" in state.message) == (1, True)
+    assert [number_of(payload) for _, payload in came.all] == [n for n in range(COUNT) if n // 7 != 3]
+
+
+def test_the_command_says_that_a_chunk_was_left_out(
+    join_memory: Join, recorded: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("zsight.runtime.join", lambda _: join_memory())
+    damaged = str(damage(recorded, 3, tmp_path / "damaged.mcap"))
+    told = CliRunner().invoke(bag.app, ["play", damaged, "--rate", "20"])
+    assert (told.exit_code, "1 damaged chunks were left out" in told.stderr) == (1, True)
+    counted = CliRunner().invoke(bag.app, ["play", damaged, "--rate", "20", "--json"])
+    assert (counted.exit_code, json.loads(counted.stdout)["damaged"]) == (1, 1)
+    assert CliRunner().invoke(bag.app, ["play", str(recorded), "--rate", "20"]).exit_code == 0
+
+
+def test_the_command_fails_where_a_bag_cannot_be_read_on(
+    join_memory: Join, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    store = get_typestore(Stores.ROS1_NOETIC)
+    path = tmp_path / "a.bag"
+    writer = Writer(path)
+    writer.set_compression(Writer.CompressionFormat.BZ2)
+    with writer as made:
+        topic = made.add_connection("/kinect/points", "sensor_msgs/msg/PointCloud2", typestore=store)
+        made.write(topic, START, bytes(1000))
+    content = bytearray(path.read_bytes())
+    content[content.index(b"BZh9") + 10] ^= 0xFF
+    path.write_bytes(content)
+    monkeypatch.setattr("zsight.runtime.join", lambda _: join_memory())
+    told = CliRunner().invoke(bag.app, ["play", str(path), "--rate", "20"])
+    assert isinstance(told.exception, UsageError)
+    assert "a.bag is damaged" in str(told.exception)
 
 
 def test_what_no_row_knows_is_sent_as_it_came(join_memory: Join, tmp_path: Path) -> None:

@@ -101,18 +101,24 @@ def record(
 
 @contextlib.contextmanager
 def _until_told() -> Iterator[None]:
-    """Ctrl-C and a request to end are no failure here."""
+    """Ctrl-C, a request to end and a terminal that is closed are no failure here."""
     import signal
 
-    def interrupt(*_: object) -> None:
+    from zsight.stop_signals import stop_signals
+
+    def interrupt(number: int, _: object) -> None:
+        if number == signal.SIGHUP:  # which the shell and the system both send: the second one must end nothing
+            signal.signal(number, signal.SIG_IGN)
         raise KeyboardInterrupt
 
-    before = signal.signal(signal.SIGTERM, interrupt)
+    before = {number: signal.signal(number, interrupt) for number in stop_signals()}
     try:
         with contextlib.suppress(KeyboardInterrupt):
             yield
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for number, handler in before.items():
+            if signal.getsignal(number) is interrupt:
+                signal.signal(number, handler)
 
 
 @contextlib.contextmanager
@@ -184,7 +190,7 @@ def play(
     connect: Connect = None,
     namespace: Namespace = None,
 ) -> None:
-    """Send a recording as if it were live.
+    """Send a recording as if it were live; exit code 1 where damaged parts of it were left out.
 
     At a terminal: space pauses and goes on, . sends the next message, the arrow keys seek by 1 and 10 seconds, + and -
     change the rate, q ends. Programs do the same by requests.
@@ -215,6 +221,9 @@ def play(
         say(f"{state.sent} messages sent; {state.late_p99_ms:.2f} ms late at most, but for 1 % of them")
         if state.skipped:
             say(f"{state.skipped} messages were not sent: {state.message or 'we have no message of their type'}")
+        if state.damaged:
+            say(f"{state.damaged} damaged chunks were left out; mend it with: zsight bag recover {file}")
+    raise typer.Exit(1 if state.damaged else 0)
 
 
 def _watch(playing: Player, keys: Any, line: Any) -> None:
@@ -223,12 +232,13 @@ def _watch(playing: Player, keys: Any, line: Any) -> None:
         playback = playing.playback
         if playback is None or keys.ended:
             return
-        if playback.wait_ended(0.1) and not keys.is_on:
+        has_ended = playback.wait_ended(0.1)
+        if playback.error is not None:
+            raise playback.error
+        if has_ended and not keys.is_on:
             return
         line(_playing_words(playing.state()))
         playing.tell()
-        if playback.error is not None:
-            raise playback.error
 
 
 def _playing_words(state: PlayerState) -> str:
@@ -270,7 +280,9 @@ def info(file: File, json: Json = False) -> None:
 
 
 Target = Annotated[Path, typer.Option("--output", "-o", metavar="FILE", help="The new file.")]
-Compression = Annotated[str, typer.Option("--compression", help="none, lz4 or zstd.")]
+Compression = Annotated[
+    str | None, typer.Option("--compression", help="none, lz4 or zstd; that of the source if not given.")
+]
 
 
 @app.command()
@@ -279,6 +291,7 @@ def recover(
     output: Annotated[
         Path | None, typer.Option("--output", "-o", metavar="FILE", help="NAME.recovered.mcap if not given.")
     ] = None,
+    compression: Compression = None,
     json: Json = False,
 ) -> None:
     """Make a good file of a torn one; the torn one stays as it is."""
@@ -286,7 +299,7 @@ def recover(
 
     target = output or file.with_name(f"{file.stem}.recovered.mcap")
     with _progress() as say_share:
-        copied = copy([file], target, walk=True, say=say_share)
+        copied = copy([file], target, compression=compression, walk=True, say=say_share)
     report = {"file": str(target), "messages": copied.messages, "damage": copied.damage}
     if json:
         print_json(report)
@@ -323,7 +336,7 @@ def cut(
     end: Annotated[float | None, typer.Option("--end", help="Seconds from the beginning.")] = None,
     topics: Annotated[str, typer.Option("--topics", metavar="REGEX", help="Only keys that contain this.")] = "",
     exclude: Annotated[str, typer.Option("--exclude", metavar="REGEX", help="No keys that contain this.")] = "",
-    compression: Compression = "none",
+    compression: Compression = None,
     json: Json = False,
 ) -> None:
     """A part of a recording as a file of its own, which begins with what was in force there."""
@@ -331,8 +344,11 @@ def cut(
     from zsight.recording.mcap_file import McapFile
 
     with McapFile.open(file) as opened:
-        begin = opened.statistics.start
-    times = [None if seconds is None else begin + int(seconds * 1e9) for seconds in (start, end)]
+        first, last = opened.statistics.start, opened.statistics.end
+    times = [None if seconds is None else first + int(seconds * 1e9) for seconds in (start, end)]
+    begin, stop = first if times[0] is None else times[0], last + 1 if times[1] is None else times[1]
+    if max(begin, first) >= min(stop, last + 1):
+        raise UsageError(f"the part from {start or 0:g} s on is empty: {file} is {(last - first) / 1e9:.3f} s long")
     _copy([file], output, Part(times[0], times[1], topics, exclude), compression, json)
 
 
@@ -340,19 +356,16 @@ def cut(
 def merge(
     files: Annotated[list[Path], typer.Argument(metavar="FILE...", help=".mcap files.")],
     output: Target,
-    compression: Compression = "none",
+    compression: Compression = None,
     json: Json = False,
 ) -> None:
     """Several recordings as one, in the order of time."""
     _copy(files, output, None, compression, json)
 
 
-def _copy(files: list[Path], output: Path, part: Any, compression: str, json: bool) -> None:
-    from zsight.recording.compression import require_choice
+def _copy(files: list[Path], output: Path, part: Any, compression: str | None, json: bool) -> None:
     from zsight.recording.mcap_copy import copy
 
-    if require_choice(compression) == "auto":
-        raise UsageError("compression is auto; expected none, lz4 or zstd: a file is not measured against anything")
     with _progress() as say_share:
         copied = copy(files, output, part=part, compression=compression, say=say_share)
     if json:
@@ -367,7 +380,7 @@ def _copy(files: list[Path], output: Path, part: Any, compression: str, json: bo
 def convert(
     file: File,
     output: Target,
-    compression: Compression = "none",
+    compression: Compression = None,
     namespace: Annotated[str, typer.Option("--namespace", help="Of the keys in the new file.")] = "zsight",
     json: Json = False,
 ) -> None:
@@ -390,13 +403,14 @@ def export(
     output: Annotated[Path, typer.Option("--output", "-o", metavar="FOLDER", help="Where the files go.")],
     kind: Annotated[str, typer.Option("--to", help="pcd, ply, rgbd (image pairs), or mcap (plain clouds).")] = "pcd",
     key: Annotated[str, typer.Option("--key", help="Only clouds on this key, without namespace.")] = "",
+    force: Annotated[bool, typer.Option("--force", help="Overwrite clouds that are there.")] = False,
     json: Json = False,
 ) -> None:
     """Every cloud of a recording as a file of its own; exit code 1 where some cannot be."""
     from zsight.recording.export import export as export_clouds
 
     with _progress() as say_share:
-        count, left = export_clouds(file, output, kind, key=key, say=say_share)
+        count, left = export_clouds(file, output, kind, key=key, overwrite=force, say=say_share)
     if json:
         print_json({"output": str(output), "written": count, "left_out": left})
     else:

@@ -19,6 +19,7 @@ from zsight.cli.output import print_json, print_table, say
 from zsight.cli.running import require_warm
 from zsight.errors import ConnectionLost, NobodyAnswers, UsageError, ZsightError
 from zsight.network import endpoints_given
+from zsight.stop_signals import stop_signals
 
 if TYPE_CHECKING:
     from zsight.hosts.cell_file import CellFile
@@ -63,7 +64,7 @@ def up(
         _detach(network)
         return
     supervisor = Supervisor(table.processes, network, say=say, echo=not quiet)
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in stop_signals():
         signal.signal(number, lambda *_: supervisor.stopping.set())
     with _pid_file(network), supervisor:
         supervisor.wait_ready(60.0)

@@ -49,7 +49,8 @@ class BagRecording:
             raise UsageError(f"{path} cannot be read as a bag: {error}") from None
         # A camera that plays a bag has no moment at which it would close it.
         self._closing = weakref.finalize(self, self._reader.close)
-        self.damage = ""
+        self._path = path
+        self.damage = self.compression = ""
         self.skipped: dict[str, int] = {}
         self.start_ns, self.end_ns = self._reader.start_time, self._reader.end_time
         self._connections: dict[int, Connection] = {}
@@ -67,15 +68,22 @@ class BagRecording:
         self._connections[number] = connection
 
     def messages(self, start: int, end: int | None, lines: Collection[Line]) -> Iterator[Played]:
-        """Messages of some lines from start up to and without end, in their order."""
+        """Messages of some lines from start up to and without end, in their order.
+
+        Raises:
+            UsageError: the bag is damaged.
+        """
         wanted = [self._connections[line.number] for line in lines]
         line_of = {_identity(self._connections[line.number]): line for line in lines}
         if not wanted:
             return
-        found = self._reader.messages(wanted, start=start, stop=end)
-        for sequence, (connection, time, raw) in enumerate(found):
-            line = line_of[_identity(connection)]
-            yield Played(line, time, time, sequence, partial(self._load, line, raw, connection.msgtype))
+        try:
+            found = self._reader.messages(wanted, start=start, stop=end)
+            for sequence, (connection, time, raw) in enumerate(found):
+                line = line_of[_identity(connection)]
+                yield Played(line, time, time, sequence, partial(self._load, line, raw, connection.msgtype))
+        except Exception as error:  # of the libraries that unpack it, each another
+            raise UsageError(f"{self._path} is damaged: {error}") from error
 
     def last_before(self, time: int, lines: Collection[Line]) -> Played | None:
         """The last message of some lines before a time."""

@@ -39,9 +39,13 @@ def bundle(source: Path, target: Path, goal_id: str = "", namespace: str = "zsig
         answer = last[0]
         about = {"bundle": answer.goal.goal_id, "finder": answer.finder}
         file = RecordingFile(target, namespace, about)
-        for sequence, part in enumerate(answer.parts, 1):
-            file.write(as_sample(part, namespace, sequence))
-        file.finish("zstd")
+        try:
+            for sequence, part in enumerate(answer.parts, 1):
+                file.write(as_sample(part, namespace, sequence))
+            file.finish("zstd", whole=True)
+        except BaseException:
+            target.unlink(missing_ok=True)
+            raise
     finally:
         recording.close()
     return {

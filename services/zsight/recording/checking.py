@@ -41,7 +41,8 @@ def check(path: Path) -> dict[str, Any]:
         errors += _wrong_chunks(file)
         gaps = _gaps(file.messages())
         told = {m.name: m.entries for m in file.metadata}.get(LOSSES, {})
-    errors += _refused(path) if found.messages else []
+    refused = _refused(path) if found.messages else []
+    errors += [words for words in refused if words not in errors]
     return {
         "file": str(path),
         "messages": found.messages,
@@ -80,7 +81,9 @@ def _gaps(entries: Iterable[Entry]) -> dict[str, int]:
 
 
 def _refused(path: Path) -> list[str]:
-    recording = McapRecording(path)
+    """Chunks and messages that cannot be read, by the index."""
+    chunks: list[str] = []
+    recording = McapRecording(path, lambda _, words: chunks.append(words))
     refused: Counter[str] = Counter()
     for played in recording.messages(recording.start_ns, None, recording.lines):
         try:
@@ -88,4 +91,4 @@ def _refused(path: Path) -> list[str]:
         except ProtocolError as error:
             refused[f"{played.line.source}: {error}"] += 1
     recording.close()
-    return [f"{count} times {words}" for words, count in refused.most_common(_MOST)]
+    return chunks[:_MOST] + [f"{count} times {words}" for words, count in refused.most_common(_MOST)]

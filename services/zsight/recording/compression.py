@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     from zsight_protocol.point_cloud import Buffer
 
-__all__ = ["CHOICES", "CompressionChoice", "compressed", "decompressed", "require_choice"]
+__all__ = ["CHOICES", "CompressionChoice", "compressed", "decompressed", "require_choice", "stored_name"]
 
 CHOICES = ("auto", "none", "lz4", "zstd")
 
@@ -30,6 +30,19 @@ def require_choice(name: str) -> str:
     if name not in CHOICES:
         raise UsageError(f"compression is {name!r}; expected one of {', '.join(CHOICES)}")
     return name
+
+
+def stored_name(wanted: str | None, kept: str) -> str:
+    """A compression that is asked for as MCAP calls it; what is kept, which is called so, where none is.
+
+    Raises:
+        UsageError: there is none of this name, or it is auto: where nothing comes in, there is nothing to keep up with.
+    """
+    if wanted is None:
+        return kept
+    if wanted not in CHOICES[1:]:
+        raise UsageError(f"compression is {wanted!r}; expected one of {', '.join(CHOICES[1:])}")
+    return "" if wanted == "none" else wanted
 
 
 def compressed(name: str, parts: Sequence[Buffer], size: int) -> list[Buffer]:

@@ -6,6 +6,7 @@ from collections import Counter
 from typing import TYPE_CHECKING
 
 from zsight.bus.attachment import Attachment
+from zsight.recording.compression import stored_name
 from zsight.recording.opening import open_recording
 from zsight.recording.recording_file import RecordingFile
 from zsight.recording.sample import Sample
@@ -38,7 +39,7 @@ def convert(
     target: Path,
     *,
     namespace: str = "zsight",
-    compression: str = "none",
+    compression: str | None = None,
     say: Callable[[float], object] = lambda _: None,
 ) -> tuple[int, dict[str, int]]:
     """Write a recording of any kind as one of a cell: topics become keys, depth images clouds.
@@ -47,16 +48,17 @@ def convert(
         source: what can be played.
         target: the new file.
         namespace: of the keys.
-        compression: none, lz4 or zstd.
+        compression: none, lz4 or zstd; that of the source if not given.
         say: told the share of it that is done, 0 to 1.
 
     Returns:
         Messages in the new file; by topic, those that are not.
 
     Raises:
-        UsageError: the source cannot be read, or the target is there already.
+        UsageError: the source cannot be read or is damaged, or the target is there already.
     """
     recording = open_recording(source)
+    stored = stored_name(compression, recording.compression)
     left, sent = Counter(recording.skipped), Counter[int]()
     count, span = 0, max(recording.end_ns - recording.start_ns, 1)
     file = RecordingFile(target, namespace, {"converted from": source.name})
@@ -70,9 +72,9 @@ def convert(
                 left[played.line.source] += 1
                 continue
             if file.write(sample):
-                file.mcap.close_chunk("" if compression == "none" else compression)
+                file.mcap.close_chunk(stored)
             count += 1
-        file.finish("" if compression == "none" else compression)
+        file.finish(stored, whole=True)
     except BaseException:
         target.unlink(missing_ok=True)
         raise

@@ -44,7 +44,7 @@ class DepthClouds:
         """Args: the recording as it is."""
         self._inner = inner
         self.start_ns, self.end_ns = inner.start_ns, inner.end_ns
-        self.damage, self.skipped = inner.damage, inner.skipped
+        self.damage, self.skipped, self.compression = inner.damage, inner.skipped, inner.compression
         self._images: dict[int, _Images] = {}
         images = [line for line in inner.lines if line.kind in (Image, CompressedImage)]
         clouds = [line for line in inner.lines if line.kind is PointCloud2]

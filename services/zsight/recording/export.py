@@ -36,7 +36,13 @@ _LARGEST_RESIDUAL = 0.5  # pixels; a cloud that fits a pinhole worse is no depth
 
 
 def export(
-    source: Path, folder: Path, kind: str, *, key: str = "", say: Callable[[float], object] = lambda _: None
+    source: Path,
+    folder: Path,
+    kind: str,
+    *,
+    key: str = "",
+    overwrite: bool = False,
+    say: Callable[[float], object] = lambda _: None,
 ) -> tuple[int, dict[str, int]]:
     """Write every cloud of a recording as a file of its own, named after its key and its stamp.
 
@@ -46,13 +52,14 @@ def export(
         kind: pcd, ply, rgbd (pairs NAME-color.png and NAME-depth.png with camera.toml), or mcap: everything in one
             file, depth-coded clouds as plain ones.
         key: only clouds on this key, without namespace.
+        overwrite: clouds that are there; an MCAP file is never overwritten.
         say: told the share of it that is done, 0 to 1.
 
     Returns:
         Clouds that were written; by key, those that could not.
 
     Raises:
-        UsageError: the source cannot be read, there are no such clouds, or a file is there already.
+        UsageError: the source cannot be read or is damaged, there are no such clouds, or a file is there already.
     """
     if kind not in KINDS:
         raise UsageError(f"clouds are to become {kind!r}; expected one of {', '.join(KINDS)}")
@@ -65,7 +72,7 @@ def export(
         if kind == "mcap":
             return _as_mcap(recording, lines, folder)
         folder.mkdir(parents=True, exist_ok=True)
-        return _as_files(recording, lines, folder, kind, say)
+        return _as_files(recording, lines, folder, kind, say, overwrite=overwrite)
     finally:
         recording.close()
 
@@ -78,44 +85,60 @@ def _as_mcap(recording: Recorded, lines: list[Line], target: Path) -> tuple[int,
     from zsight.recording.conversion import as_sample
 
     file, sent, left, count = RecordingFile(target, "zsight", {}), Counter[int](), Counter[str](), 0
-    for played in recording.messages(recording.start_ns, None, lines):
-        sent[played.line.number] += 1
-        try:
-            sample = as_sample(played, "zsight", sent[played.line.number])
-        except ProtocolError:
-            left[played.line.key] += 1
-            continue
-        count += 1
-        if file.write(sample):
-            file.mcap.close_chunk()
-    file.finish()
+    try:
+        for played in recording.messages(recording.start_ns, None, lines):
+            sent[played.line.number] += 1
+            try:
+                sample = as_sample(played, "zsight", sent[played.line.number])
+            except ProtocolError:
+                left[played.line.key] += 1
+                continue
+            count += 1
+            if file.write(sample):
+                file.mcap.close_chunk(recording.compression)
+        file.finish(recording.compression, whole=True)
+    except BaseException:
+        target.unlink(missing_ok=True)
+        raise
     return count, dict(left)
 
 
 def _as_files(
-    recording: Recorded, lines: list[Line], folder: Path, kind: str, say: Callable[[float], object]
+    recording: Recorded,
+    lines: list[Line],
+    folder: Path,
+    kind: str,
+    say: Callable[[float], object],
+    *,
+    overwrite: bool,
 ) -> tuple[int, dict[str, int]]:
-    write = {"pcd": _write_pcd, "ply": _write_ply, "rgbd": _write_rgbd}[kind]
-    span, count, left = max(recording.end_ns - recording.start_ns, 1), 0, Counter[str]()
+    write, ending = _WRITERS[kind]
+    span, made, left = max(recording.end_ns - recording.start_ns, 1), set[str](), Counter[str]()
     for played in recording.messages(recording.start_ns, None, lines):
         say((played.log_time - recording.start_ns) / span)
         try:
             cloud = played.load()
             if isinstance(cloud, PointCloud2):
                 name = f"{played.line.key.replace('/', '_')}_{cloud.header.stamp.ns}"
+                if name in made:
+                    left[f"{played.line.key}: there is a cloud of the same stamp before it"] += 1
+                    continue
+                file = folder / f"{name}{ending}"
+                if file.exists() and not overwrite:
+                    raise UsageError(f"{file} is there already: choose another folder, or overwrite with --force")
                 write(folder, name, points_of(cloud), partial(_calibration, recording, played))
-                count += 1
+                made.add(name)
         except (ProtocolError, CoreError) as error:
             left[f"{played.line.key}: {error}"] += 1
-    return count, dict(left)
+    return len(made), dict(left)
 
 
 def _write_pcd(folder: Path, name: str, points: Points, _: Any) -> None:
-    pcd.write(folder / f"{name}.pcd", points)
+    pcd.write(folder / f"{name}.pcd", points, overwrite=True)
 
 
 def _write_ply(folder: Path, name: str, points: Points, _: Any) -> None:
-    ply.write(folder / f"{name}.ply", points)
+    ply.write(folder / f"{name}.ply", points, overwrite=True)
 
 
 def _write_rgbd(folder: Path, name: str, points: Points, calibration: Callable[[], Pinhole | None]) -> None:
@@ -131,6 +154,9 @@ def _write_rgbd(folder: Path, name: str, points: Points, calibration: Callable[[
     colour = colours(points) if has_colour(points) else np.zeros((*points.shape, 3), np.uint8)
     Image.fromarray(depth).save(folder / f"{name}-depth.png")
     Image.fromarray(colour).save(folder / f"{name}-color.png")
+
+
+_WRITERS = {"pcd": (_write_pcd, ".pcd"), "ply": (_write_ply, ".ply"), "rgbd": (_write_rgbd, "-depth.png")}
 
 
 def _known(folder: Path) -> Pinhole | None:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from zsight.errors import UsageError
+from zsight.recording.compression import stored_name
 from zsight.recording.mcap_file import McapFile
 from zsight.recording.mcap_records import Metadata
 from zsight.recording.mcap_writer import McapWriter
@@ -56,7 +57,7 @@ def copy(
     target: Path,
     *,
     part: Part | None = None,
-    compression: str = "none",
+    compression: str | None = None,
     walk: bool = False,
     say: Callable[[float], object] = lambda _: None,
 ) -> Copied:
@@ -66,19 +67,20 @@ def copy(
         sources: files, whole or torn.
         target: the new file.
         part: what is taken over; everything if not given.
-        compression: none, lz4 or zstd.
+        compression: none, lz4 or zstd; that of the sources if not given.
         walk: through the sources even where they have an index.
         say: told the share of it that is done, 0 to 1.
 
     Raises:
-        UsageError: a source cannot be read, or the target is there already.
+        UsageError: a source cannot be read or is damaged, nothing is to be taken over, or the target is there already.
     """
-    wanted, stored = part or Part(), "" if compression == "none" else compression
+    wanted = part or Part()
     if any(source.resolve() == target.resolve() for source in sources):
         raise UsageError(f"{target} is one of the files that are read: choose another name")
     files = [McapFile.open(source, walk=walk) for source in sources]
     copied = Copied(damage=[f"{file.path}: {file.damage}" for file in files if file.damage])
     total = sum(file.statistics.messages for file in files)
+    stored = stored_name(compression, next((file.compression for file in files if file.compression), ""))
     writer = _Writer(McapWriter(target, files[0].library), stored)
     try:
         writer.begin(files, wanted)
@@ -88,6 +90,10 @@ def copy(
             copied.messages += 1
             if number % _SAY_EVERY == 0:
                 say(number / max(total, 1))
+        if writer.is_empty:
+            damage = [file.damage for file in files if file.damage]
+            words = "; ".join(damage) or "no message of it is wanted"
+            raise UsageError(f"{', '.join(map(str, sources))} holds nothing that can be taken over: {words}")
         writer.finish()
     except BaseException:
         target.unlink(missing_ok=True)
@@ -101,11 +107,8 @@ def copy(
 
 def _wanted(file: McapFile, part: Part) -> Iterator[tuple[McapFile, Entry]]:
     channels = {channel.id for channel in file.channels.values() if part.wants(channel)}
-    try:
-        for entry in file.messages(part.start, part.end, channels):
-            yield file, entry
-    except ValueError as error:
-        raise UsageError(f"{file.path} is damaged: {error}; mend it first with: zsight bag recover") from None
+    for entry in file.messages(part.start, part.end, channels):
+        yield file, entry
 
 
 class _Writer:
@@ -135,6 +138,11 @@ class _Writer:
                 number = self._channel(file, channel, in_force=True)
                 self._mcap.add(number, start, entry.publish_time, entry.sequence, [entry.data])
 
+    @property
+    def is_empty(self) -> bool:
+        """Whether no message was taken over, nor one that was in force."""
+        return not self._known
+
     def add(self, file: McapFile, entry: Entry) -> None:
         number = self._channel(file, entry.channel, in_force=False)
         if self._mcap.add(number, entry.log_time, entry.publish_time, entry.sequence, [entry.data]):
@@ -155,4 +163,4 @@ class _Writer:
         return self._known[known]
 
     def finish(self) -> None:
-        self._mcap.finish(self._compression)
+        self._mcap.finish(self._compression, whole=True)

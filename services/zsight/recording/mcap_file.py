@@ -5,6 +5,7 @@ from __future__ import annotations
 import heapq
 import mmap
 import struct
+from collections import Counter
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Self
 
@@ -26,7 +27,7 @@ from zsight.recording.mcap_records import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator
+    from collections.abc import Callable, Collection, Iterator
     from pathlib import Path
 
 __all__ = ["Chunk", "Entry", "McapFile"]
@@ -69,6 +70,7 @@ class McapFile:
 
     Attributes:
         damage: what is wrong with the file, in words; empty where it is whole.
+        left_out: told the file and what is wrong with a chunk that is left out; without it, such a file is refused.
     """
 
     path: Path
@@ -81,6 +83,8 @@ class McapFile:
     metadata: list[Metadata] = field(default_factory=list)
     attachments: list[Attachment] = field(default_factory=list)
     statistics: Statistics = field(default_factory=Statistics)
+    left_out: Callable[[Path, str], object] | None = None
+    _checked: set[int] = field(default_factory=set, repr=False)  # chunks that fit their checksum, by their place
     _view: memoryview = field(default=memoryview(b""), repr=False)
     _map: mmap.mmap | None = field(default=None, repr=False)
 
@@ -106,7 +110,7 @@ class McapFile:
             raise UsageError(f"{path} is no MCAP file: it begins with {bytes(file._view[:8])!r}")
         has_index = file._read_summary()
         if walk or not has_index:
-            file._walk()
+            file._walk(has_index=has_index)
         if not has_index and not file.damage:
             file.damage = "its index is missing or damaged"
         return file
@@ -118,6 +122,12 @@ class McapFile:
     def __exit__(self, *_: object) -> None:
         """Close."""
         self.close()
+
+    @property
+    def compression(self) -> str:
+        """Of most of its compressed chunks, as MCAP calls it; empty where there are none."""
+        kinds = Counter(chunk.compression for chunk in self.chunks if chunk.compression)
+        return max(kinds, key=kinds.__getitem__, default="")
 
     def close(self) -> None:
         """Close; where messages of it are still in use, their memory stays until they are not."""
@@ -203,10 +213,12 @@ class McapFile:
 
     # By walking.
 
-    def _walk(self) -> None:
-        """Find everything without an index; the last chunk may be torn."""
-        self.schemas, self.channels, self.chunks = {}, {}, []
-        self.metadata, self.attachments, self.statistics = [], [], Statistics()
+    def _walk(self, *, has_index: bool) -> None:
+        """Find everything record by record; the last chunk may be torn. What is not reached is taken from the index."""
+        indexed = self.chunks, self.metadata, self.attachments
+        if not has_index:
+            self.schemas, self.channels, indexed = {}, {}, ([], [], [])
+        self.chunks, self.metadata, self.attachments, self.statistics = [], [], [], Statistics()
         end, finished = len(MAGIC), False
         loose: list[Chunk] = []
         for opcode, body, place in self._records(len(MAGIC), len(self._view)):
@@ -226,9 +238,18 @@ class McapFile:
                 self.damage = f"the record at byte {place} is damaged: {error}"
             end = place + _RECORD.size + len(body)
         self.chunks += loose
-        if not finished:
+        if not finished and has_index:
+            self.damage = f"there is no record at byte {end}"
+        elif not finished:
             self._take_torn(end)
+        self._take_missed(*indexed)
         self._count()
+
+    def _take_missed(self, chunks: list[Chunk], metadata: list[Metadata], attachments: list[Attachment]) -> None:
+        found = {chunk.offset for chunk in self.chunks}
+        self.chunks += [chunk for chunk in chunks if chunk.offset not in found]
+        self.metadata += [entry for entry in metadata if entry not in self.metadata]
+        self.attachments += [entry for entry in attachments if entry not in self.attachments]
 
     def _take_chunk(self, body: memoryview, place: int, *, torn: bool = False) -> None:
         fields = Fields(body)
@@ -252,11 +273,11 @@ class McapFile:
         sound: list[Chunk] = []
         for chunk in self.chunks:
             try:
-                entries = self.entries(chunk, check=not chunk.torn)
+                entries = self.entries(chunk)
             except ValueError as error:
                 if chunk.torn:
                     continue
-                self.damage = f"the chunk at byte {chunk.offset} is damaged: {error}"
+                self.damage = _damaged(chunk, error)
                 continue
             for entry in entries:
                 self.statistics.count(entry.channel.id, entry.log_time)
@@ -267,7 +288,7 @@ class McapFile:
 
     # Messages.
 
-    def entries(self, chunk: Chunk, *, check: bool = False) -> list[Entry]:
+    def entries(self, chunk: Chunk) -> list[Entry]:
         """The messages of a chunk, in the order of the file.
 
         Raises:
@@ -281,11 +302,17 @@ class McapFile:
         if chunk.torn:
             rest = fields.take(chunk.length - _RECORD.size - fields.place)
             return self._entries(rest) if compression == "" else []
-        data = decompressed(compression, fields.take(stored_size), size)
+        stored = fields.take(stored_size)
+        is_chunk = _RECORD.unpack_from(self._view, chunk.offset) == (Opcode.CHUNK, chunk.length - _RECORD.size)
+        if not is_chunk or fields.place != chunk.length - _RECORD.size:
+            raise ValueError("it does not begin as a chunk of its length does")
+        data = decompressed(compression, stored, size)
         if len(data) != size:
             raise ValueError(f"{len(data)} bytes came out; expected {size}")
-        if check and crc and crc32(data) != crc:
-            raise ValueError("its bytes do not fit its checksum")
+        if crc and chunk.offset not in self._checked:  # once: a seek looks into many chunks for one message of each
+            if crc32(data) != crc:
+                raise ValueError("its bytes do not fit its checksum")
+            self._checked.add(chunk.offset)
         return self._entries(data)
 
     def _entries(self, data: memoryview) -> list[Entry]:
@@ -306,20 +333,31 @@ class McapFile:
             place = end
         return found
 
+    def _sound_entries(self, chunk: Chunk) -> list[Entry]:
+        """The messages of a chunk; none of a damaged one, where somebody is told of those."""
+        try:
+            return self.entries(chunk)
+        except ValueError as error:
+            words = _damaged(chunk, error)
+        if self.left_out is None:
+            raise UsageError(f"{self.path}: {words}; mend it first with: zsight bag recover {self.path}")
+        self.left_out(self.path, words)
+        return []
+
     def messages(
         self, start: int | None = None, end: int | None = None, channels: Collection[int] | None = None
     ) -> Iterator[Entry]:
         """Messages from start up to and without end (log time, ns), in the order of their log time, then of the file.
 
         Raises:
-            ValueError: a chunk is damaged.
+            UsageError: a chunk is damaged.
         """
         waiting: list[tuple[int, int, int, Entry]] = []
         wanted = [chunk for chunk in self.chunks if self._may_hold(chunk, start, end, channels)]
         for number, chunk in enumerate(sorted(wanted, key=lambda c: (c.start, c.offset))):
             while waiting and waiting[0][0] <= chunk.start:
                 yield heapq.heappop(waiting)[3]
-            for position, entry in enumerate(self.entries(chunk)):
+            for position, entry in enumerate(self._sound_entries(chunk)):
                 if (
                     (channels is None or entry.channel.id in channels)
                     and (start is None or entry.log_time >= start)
@@ -337,13 +375,21 @@ class McapFile:
         )
 
     def last_before(self, time: int, channels: Collection[int]) -> Entry | None:
-        """The last message of some channels before a time (log time, ns)."""
+        """The last message of some channels before a time (log time, ns).
+
+        Raises:
+            UsageError: a chunk is damaged.
+        """
         wanted = [c for c in self.chunks if self._may_hold(c, None, time, channels)]
         best: Entry | None = None
         for chunk in sorted(wanted, key=lambda c: -c.end):
             if best is not None and chunk.end < best.log_time:
                 break
-            for entry in self.entries(chunk):
+            for entry in self._sound_entries(chunk):
                 if entry.channel.id in channels and entry.log_time < time:
                     best = entry if best is None or entry.log_time >= best.log_time else best
         return best
+
+
+def _damaged(chunk: Chunk, error: ValueError) -> str:
+    return f"the chunk at byte {chunk.offset} is damaged: {error}"

@@ -20,7 +20,7 @@ from zsight_protocol.ros_definition import parse_definition, short_name
 from zsight_protocol.ros_message import from_values, ros_type
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator
+    from collections.abc import Callable, Collection, Iterator
     from pathlib import Path
 
     from zsight.recording.mcap_file import Entry
@@ -34,14 +34,19 @@ __all__ = ["McapRecording"]
 class McapRecording:
     """A file that is open for playing."""
 
-    def __init__(self, path: Path) -> None:
-        """Args: path of the file, which may be torn.
+    def __init__(self, path: Path, left_out: Callable[[Path, str], object] | None = None) -> None:
+        """Open a file.
+
+        Args:
+            path: of the file, which may be torn.
+            left_out: told of every damaged chunk, which is left out then; without it, it is refused.
 
         Raises:
             UsageError: it is no MCAP file, or has no messages.
         """
         self.file = McapFile.open(path)
-        self.damage = self.file.damage
+        self.file.left_out = left_out
+        self.damage, self.compression = self.file.damage, self.file.compression
         self.skipped: dict[str, int] = {}
         about = next((m.entries for m in self.file.metadata if m.name == ABOUT), {})
         self.namespace = about.get("namespace", "")
@@ -100,11 +105,7 @@ class McapRecording:
 
     def messages(self, start: int, end: int | None, lines: Collection[Line]) -> Iterator[Played]:
         """Messages of some lines from start up to and without end, in their order."""
-        try:
-            for entry in self.file.messages(start, end, {line.number for line in lines}):
-                yield self._played(entry)
-        except ValueError as error:
-            raise UsageError(f"{self.file.path} is damaged: {error}; mend it with: zsight bag recover") from None
+        return map(self._played, self.file.messages(start, end, {line.number for line in lines}))
 
     def last_before(self, time: int, lines: Collection[Line]) -> Played | None:
         """The last message of some lines before a time."""

@@ -171,26 +171,31 @@ class McapWriter:
         closing: Callable[[Statistics], Metadata] | None = None,
         *,
         sync: bool = True,
+        whole: bool = False,
     ) -> None:
         """Close the chunk and the file, with its summary. Where there is no room for that, the last chunks give way.
 
         Args:
             compression: of the chunk that is open.
             sync: wait until all of it is on the disk.
+            whole: no chunk gives way.
             closing: told what the file holds in the end; its answer is the last thing that the file says.
 
         Raises:
             OSError: the system refuses even so; the file is closed, and can be recovered.
         """
-        with contextlib.suppress(OSError):  # lost: its messages are not counted as written
-            self.close_chunk(compression)
         try:
+            try:
+                self.close_chunk(compression)
+            except OSError:  # lost: its messages are not counted as written
+                if whole:
+                    raise
             while True:
                 try:
                     self._append([self._end(closing)])
                     break
                 except OSError as error:
-                    if not self._indexes or error.errno not in _NO_ROOM:
+                    if whole or not self._indexes or error.errno not in _NO_ROOM:
                         raise
                     self._give_up_last_chunk()
             if sync:

@@ -11,6 +11,7 @@ from zsight.recording.series_recording import SeriesRecording
 from zsight_core.cloud_file import natural_order
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
 
     from zsight.recording.played import Recorded
@@ -18,8 +19,13 @@ if TYPE_CHECKING:
 __all__ = ["open_recording"]
 
 
-def open_recording(path: Path) -> Recorded:
+def open_recording(path: Path, left_out: Callable[[Path, str], object] | None = None) -> Recorded:
     """The recording at a path.
+
+    Args:
+        path: of a file or a folder.
+        left_out: told the file and what is wrong with a chunk that is left out; without it, a damaged chunk is refused
+            when it is read.
 
     Raises:
         UsageError: there is none, or it cannot be read.
@@ -30,9 +36,9 @@ def open_recording(path: Path) -> Recorded:
         files = sorted(path.glob("*.mcap"), key=lambda file: natural_order(file.name))
         if not files:
             raise UsageError(f"folder {path} holds no recording; expected .mcap files, or metadata.yaml of a ROS 2 bag")
-        return SeriesRecording([DepthClouds(McapRecording(file)) for file in files])
+        return SeriesRecording([DepthClouds(McapRecording(file, left_out)) for file in files])
     if path.suffix.lower() == ".mcap":
-        return DepthClouds(McapRecording(path))
+        return DepthClouds(McapRecording(path, left_out))
     if path.is_dir() or path.suffix.lower() == ".bag":
         from zsight.recording.bag_recording import BagRecording
 

@@ -55,6 +55,7 @@ class Recorded(Protocol):
     lines: list[Line]
     skipped: dict[str, int]
     damage: str
+    compression: str  # as MCAP calls it; empty where there is none, or it is not known
 
     def messages(self, start: int, end: int | None, lines: Collection[Line]) -> Iterator[Played]:
         """Messages of some lines from start up to and without end, in their order."""

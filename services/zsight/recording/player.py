@@ -7,6 +7,7 @@ import re
 import threading
 import time
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -95,6 +96,7 @@ class Player:
         self._recording: Recorded | None = None
         self.playback: Playback | None = None
         self._path = ""
+        self._left_out: list[str] = []  # what is wrong with each damaged chunk of it
         self._outlets: dict[str, _Outlet] = {}
         self._clock = bus.writer(bus.cell.clock, Clock) if settings.clock else None
         self._next_clock = 0.0
@@ -110,7 +112,8 @@ class Player:
         Raises:
             UsageError: it cannot be read, or nothing of it is to be sent.
         """
-        recording = open_recording(Path(path).expanduser())
+        left_out: list[str] = []
+        recording = open_recording(Path(path).expanduser(), partial(_leave_out, left_out))
         lines = [line for line in recording.lines if self._wants(line)]
         if not lines:
             recording.close()
@@ -132,7 +135,7 @@ class Player:
         )
         with self._lock:
             self._close_recording()
-            self._recording, self.playback, self._path = recording, playback, path
+            self._recording, self.playback, self._path, self._left_out = recording, playback, path, left_out
             for line in lines:
                 self._outlet(line)
             playback.begin()
@@ -195,7 +198,8 @@ class Player:
             playback, recording = self.playback, self._recording
             if playback is None or recording is None:
                 return PlayerState(header=header, player=self._settings.name, state=Playing.EMPTY)
-            words = str(playback.error or playback.last_refusal or recording.damage)
+            damage = next(iter(self._left_out), recording.damage)
+            words = str(playback.error or playback.last_refusal or damage)
             return PlayerState(
                 header=header,
                 player=self._settings.name,
@@ -209,6 +213,7 @@ class Player:
                 loop=playback.loop,
                 sent=playback.sent,
                 skipped=playback.refused + sum(recording.skipped.values()),
+                damaged=len(self._left_out),
                 late_p99_ms=playback.late_p99() * 1e3,
             )
 
@@ -273,6 +278,14 @@ class _Outlet:
         for writer in (self._writer, self._raw):
             if writer is not None:
                 writer.close()
+
+
+def _leave_out(known: list[str], path: Path, words: str) -> None:
+    """Say once that a chunk is damaged."""
+    told = f"{path}: {words}"
+    if told not in known:
+        known.append(told)
+        log.warning("%s; it is left out: mend the file with: zsight bag recover", told)
 
 
 def _given(value: float | None, name: str) -> float:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import logging
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 from zsight.convert import points_of
@@ -21,6 +23,8 @@ if TYPE_CHECKING:
 
     from zsight.recording.played import Line, Played, Recorded
     from zsight_core.points import Points
+
+log = logging.getLogger(__name__)
 
 __all__ = ["RecordedClouds"]
 
@@ -46,7 +50,7 @@ class RecordedClouds:
         Raises:
             UsageError: the recording cannot be read or has no such clouds.
         """
-        recording = open_recording(path)
+        recording = open_recording(path, partial(log.warning, "%s: %s; the clouds in it are left out"))
         lines = [line for line in recording.lines if line.kind is PointCloud2 and line.count]
         wanted = [line for line in lines if line.key == key] if key else lines
         if not wanted:

@@ -156,8 +156,8 @@ class RecordingFile:
             return self._missing
         return {key: count for key, count in sorted(self._lost.items()) if count}
 
-    def finish(self, compression: str = "") -> dict[str, int]:
-        """Close the file; the messages by key that came and are not in it.
+    def finish(self, compression: str = "", *, whole: bool = False) -> dict[str, int]:
+        """Close the file; the messages by key that came and are not in it; a whole one raises OSError in their place.
 
         Raises:
             OSError: the system refuses to write even the index; the file can be recovered.
@@ -172,7 +172,7 @@ class RecordingFile:
             self._missing = {key: count for key, count in sorted(missing.items()) if count}
             return Metadata(LOSSES, {key: str(count) for key, count in self._missing.items()})
 
-        self.mcap.finish(compression, closing)
+        self.mcap.finish(compression, closing, whole=whole)
         return self.losses()
 
 

@@ -22,6 +22,7 @@ class SeriesRecording:
         self._parts = parts
         self.start_ns, self.end_ns = min(p.start_ns for p in parts), max(p.end_ns for p in parts)
         self.damage = "; ".join(part.damage for part in parts if part.damage)
+        self.compression = next((part.compression for part in parts if part.compression), "")
         self.skipped = {name: count for part in parts for name, count in part.skipped.items()}
         self._own: list[tuple[Recorded, Line]] = []
         self.lines: list[Line] = []
