@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from zsight_core import pcd
+from zsight_core.files import pcd
 from zsight_core.pack_fields import to_packed
 from zsight_core.plane import Plane, frame_on_plane, ransac_plane
 from zsight_core.points import from_xyz

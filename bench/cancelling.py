@@ -14,7 +14,7 @@ from zsight.catalogue.type_files import load, shipped_folder
 from zsight.client import CellClient
 from zsight.network import Network
 from zsight.runtime import host_name, join
-from zsight_core import pcd
+from zsight_core.files import pcd
 from zsight_core.model import Surface
 from zsight_core.simulation.camera import expose
 from zsight_core.simulation.kinect import Kinect

@@ -79,7 +79,7 @@ class Setting:
 
 def measure(points: Points, *, rate: float = 30.0, seconds: float = 4.0, turns: int = 3) -> dict[str, Figures]:
     """Let all systems take turns; figures by system."""
-    from zsight_core import pcd
+    from zsight_core.files import pcd
 
     figures = {name: Figures() for name in CHAINS}
     with TemporaryDirectory() as folder:

@@ -26,8 +26,8 @@ from zsight.catalogue.type_files import load, shipped_folder
 from zsight.cli.benching import machine
 from zsight_core import find as finder
 from zsight_core import scene as scene_stage
-from zsight_core.contest import NOBODY, lead
 from zsight_core.model import Box, Cylinder, Mesh, ObjectModel, Sphere, Surface, size_of
+from zsight_core.search.contest import NOBODY, lead
 from zsight_core.simulation import camera as simulated
 from zsight_core.simulation.kinect import Kinect
 from zsight_core.simulation.random_scenes import LEVELS, Level, Placed, RandomScene, draw_scene

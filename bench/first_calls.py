@@ -14,11 +14,11 @@ import numpy as np
 from kernel_limits import PLANE, kernels, surface
 from progress import tell
 
-from zsight_core import pcd
 from zsight_core.above_plane import points_above
 from zsight_core.clusters import euclidean_clusters, image_clusters
 from zsight_core.connected import connected_to
 from zsight_core.depth_image import from_points, to_points
+from zsight_core.files import pcd
 from zsight_core.filters import finite_mask, matching_colour, pass_through
 from zsight_core.pinhole import Pinhole
 from zsight_core.plane import fit_robust

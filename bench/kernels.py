@@ -22,8 +22,8 @@ from kernel_limits import limit_rows
 from pcl_process import PclProcess
 from progress import tell
 
-from zsight_core import pcd
 from zsight_core.clusters import clusters_above
+from zsight_core.files import pcd
 from zsight_core.filters import box, pass_through, remove_nan
 from zsight_core.image_normals import image_normals
 from zsight_core.multi_plane import planes_of_image

@@ -15,9 +15,9 @@ from scipy.spatial import cKDTree
 
 from zsight.catalogue.type_files import load, shipped_folder
 from zsight_core import find, scene
-from zsight_core.clues import clues_of
 from zsight_core.model import ObjectModel, Surface
-from zsight_core.recognise import hypotheses
+from zsight_core.search.clues import clues_of
+from zsight_core.search.recognise import hypotheses
 from zsight_core.simulation.camera import expose
 from zsight_core.simulation.kinect import Kinect
 from zsight_core.simulation.random_scenes import Level, RandomScene, draw_scene

@@ -18,7 +18,7 @@ from typing import IO, TYPE_CHECKING, cast
 
 import numpy as np
 
-from zsight_core import pcd
+from zsight_core.files import pcd
 from zsight_core.points import XYZRGB
 
 if TYPE_CHECKING:

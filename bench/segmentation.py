@@ -22,7 +22,8 @@ import numpy as np
 from scipy.ndimage import binary_dilation
 from scipy.optimize import linear_sum_assignment
 
-from zsight_core import pcd, scene, segments, wholes
+from zsight_core import scene, segments, wholes
+from zsight_core.files import pcd
 from zsight_core.model import size_of
 from zsight_core.shape_measurement import measure_shape
 

@@ -56,7 +56,7 @@ def _hop(name: str, points: Points, clouds: int, target: float | None = None, **
 
 def table_scene() -> Points:
     """A real cloud of a table, 640 x 480; the synthetic one where the recordings are not there."""
-    from zsight_core import pcd
+    from zsight_core.files import pcd
     from zsight_core.pack_fields import to_packed
 
     file = DATA / "mosd_learn" / "learn0.pcd"

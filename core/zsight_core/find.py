@@ -13,7 +13,12 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from zsight_core import (
+from zsight_core import render
+from zsight_core import scene as scene_stage
+from zsight_core.errors import ModelError
+from zsight_core.model import ObjectModel, Surface, size_of
+from zsight_core.scene import Checkpoint, Scene, go_on, understand
+from zsight_core.search import (
     bits,
     candidates,
     claims,
@@ -25,21 +30,16 @@ from zsight_core import (
     peek,
     recognise,
     refine,
-    render,
     verify,
 )
-from zsight_core import scene as scene_stage
-from zsight_core.candidates import DOUBTFUL, Candidate, Candidates, Counts, Trials, is_sure, net
-from zsight_core.claims import Claim, consistent, contradict
-from zsight_core.contest import TELLING, mark
-from zsight_core.errors import ModelError
-from zsight_core.model import ObjectModel, Surface, size_of
-from zsight_core.overlap import hull_area, radius, shared
-from zsight_core.recognise import votes
-from zsight_core.recognise.surface import surfaces
-from zsight_core.scene import Checkpoint, Scene, go_on, understand
+from zsight_core.search.candidates import DOUBTFUL, Candidate, Candidates, Counts, Trials, is_sure, net
+from zsight_core.search.claims import Claim, consistent, contradict
+from zsight_core.search.contest import TELLING, mark
+from zsight_core.search.overlap import hull_area, radius, shared
+from zsight_core.search.recognise import votes
+from zsight_core.search.recognise.surface import surfaces
+from zsight_core.search.symmetry import least_turned
 from zsight_core.solid import Solid, solid_of
-from zsight_core.symmetry import least_turned
 from zsight_core.transform import inverse
 
 if TYPE_CHECKING:
@@ -47,10 +47,10 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from zsight_core.clues import Clues, Hypothesis
     from zsight_core.points import Points
     from zsight_core.scene import Segment
-    from zsight_core.verify import Evidence
+    from zsight_core.search.clues import Clues, Hypothesis
+    from zsight_core.search.verify import Evidence
 
 __all__ = ["Answer", "Detection", "find", "prepare", "warm_up"]
 

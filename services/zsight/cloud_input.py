@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 from zsight.errors import UsageError
 from zsight.sources import pose_matrix, viewpoint_matrix
-from zsight_core import cloud_file, depth_camera, pcd, ply, rgbd
-from zsight_core.cloud_file import LoadedCloud
+from zsight_core.files import cloud_file, depth_camera, pcd, ply, rgbd
+from zsight_core.files.cloud_file import LoadedCloud
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

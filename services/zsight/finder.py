@@ -14,18 +14,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 from pydantic import Field, JsonValue
 
-from zsight import finding
 from zsight.action.server import ActionServer
 from zsight.catalogue import type_files
 from zsight.catalogue.server import serve_catalogue
 from zsight.convert import points_of
 from zsight.errors import ConnectionLost, UsageError, ZsightError
-from zsight.find_progress import FindProgress
+from zsight.finding import answering
+from zsight.finding.find_progress import FindProgress
+from zsight.finding.scene_cache import SceneCache
+from zsight.finding.tracks import Tracks
 from zsight.hosts.clocks import ask_clocks
-from zsight.scene_cache import SceneCache
 from zsight.settings import Live
 from zsight.settings import Settings as ServiceSettings
-from zsight.tracks import Tracks
 from zsight.transforms import TransformBuffer, TransformUnknown
 from zsight_core import find as find_core
 from zsight_core import level
@@ -311,7 +311,7 @@ class FindObject:
         handle.notes["stamp_ns"] = cloud.header.stamp.ns
         frame, T_frame_camera = self._frame_for(handle, cloud)
         gravity = self._gravity(cloud)
-        known_height = finding.height_in_world(goal.known_height, frame, T_frame_camera, gravity)
+        known_height = answering.height_in_world(goal.known_height, frame, T_frame_camera, gravity)
         name = self._catalogue.wanted(goal.object_type)
         progress = FindProgress(handle.checkpoint, len(self._catalogue.models()) if name == ANY_TYPE else 1)
         scene = self._scenes.of(
@@ -325,7 +325,7 @@ class FindObject:
         sure: list[Detection] = []
 
         def result_of(answer: Answer) -> FindObjectResult:
-            return finding.result_of(
+            return answering.result_of(
                 answer,
                 self._catalogue,
                 scene=scene,
@@ -338,7 +338,7 @@ class FindObject:
             )
 
         try:
-            answer = finding.find(
+            answer = answering.find(
                 points_of(cloud),
                 self._catalogue,
                 name,
@@ -355,7 +355,7 @@ class FindObject:
         self._scenes.tell(scene, answer.explained)
         result = result_of(answer)
         if not result.objects and goal.region is not None:
-            result = finding.of_region(result, goal.region, points_of(cloud), T_frame_camera)
+            result = answering.of_region(result, goal.region, points_of(cloud), T_frame_camera)
         return self._with_circumstances(result, handle, cloud, waited)
 
     def _ids(self, answer: Answer, cloud: PointCloud2) -> list[str]:
@@ -365,11 +365,11 @@ class FindObject:
         places = [(T_root_camera @ detection.T_camera_model)[:3, 3] for detection in answer.detections]
         return self._tracks.follow([d.type for d in answer.detections], np.array(places).reshape(-1, 3))
 
-    def _extrinsic(self, frame: str, cloud: PointCloud2) -> finding.Extrinsic | None:
+    def _extrinsic(self, frame: str, cloud: PointCloud2) -> answering.Extrinsic | None:
         """How well it is known where the camera is in the frame of the answer; in its own there is no doubt."""
         if frame == cloud.header.frame_id:
             return None
-        return finding.Extrinsic(self._settings.extrinsic_position, self._settings.extrinsic_rotation)
+        return answering.Extrinsic(self._settings.extrinsic_position, self._settings.extrinsic_rotation)
 
     def _with_circumstances(
         self,

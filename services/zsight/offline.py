@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from zsight import cloud_input, finding
+from zsight import cloud_input
 from zsight.catalogue import type_files
 from zsight.catalogue.type_files import require_type_name
 from zsight.errors import DeadlinePassed, UsageError
+from zsight.finding import answering
 from zsight_core import scene as scene_core
 from zsight_core.errors import Cancelled
 from zsight_protocol.message import Header, Time
@@ -79,7 +80,7 @@ def find_in_file(
         scene = scene_core.understand(
             points, T_world_camera=T_world_camera, known_height=known_height, checkpoint=checkpoint
         )
-        answer = finding.find(
+        answer = answering.find(
             points,
             types,
             name,
@@ -92,7 +93,7 @@ def find_in_file(
     except Cancelled as stopped:
         raise DeadlinePassed(f"no answer within {timeout:g} s: stopped at stage {stopped}") from None
     stamp = Time.from_ns(path.stat().st_mtime_ns)
-    result = finding.result_of(
+    result = answering.result_of(
         answer,
         types,
         scene=scene,
@@ -100,10 +101,10 @@ def find_in_file(
         stamp=stamp,
         frame_id=frame,
         finder="in-process",
-        extrinsic=None if T_world_camera is None else finding.Extrinsic(),
+        extrinsic=None if T_world_camera is None else answering.Extrinsic(),
     )
     if region is not None and not result.objects:
-        result = finding.of_region(result, region, points, T_frame_camera)
+        result = answering.of_region(result, region, points, T_frame_camera)
     if picture is not None:
         from zsight.pictures import draw_answer
 

@@ -17,8 +17,8 @@ from pydantic_core import to_jsonable_python
 
 from zsight.errors import UsageError
 from zsight.settings import Settings, is_live, mistake, parse, variable
-from zsight_core.atomic_file import atomic_file
 from zsight_core.errors import CoreError
+from zsight_core.files.atomic_file import atomic_file
 from zsight_protocol.channels import require_name
 from zsight_protocol.codec import decode, encode
 from zsight_protocol.errors import ProtocolError

@@ -8,7 +8,7 @@ import numpy as np
 
 from zsight.errors import UsageError
 from zsight_core import picture
-from zsight_core.atomic_file import atomic_file
+from zsight_core.files.atomic_file import atomic_file
 from zsight_core.points import from_xyz, xyz
 
 if TYPE_CHECKING:

@@ -15,8 +15,9 @@ from zsight import scene_file
 from zsight.catalogue import type_files
 from zsight.convert import matrix_of, stamped
 from zsight.errors import UsageError
-from zsight_core import cloud_file, depth_camera, rgbd, transform
+from zsight_core import transform
 from zsight_core.errors import CoreError, FileError
+from zsight_core.files import cloud_file, depth_camera, rgbd
 from zsight_core.points import is_organised
 from zsight_protocol.camera_info import CameraInfo
 from zsight_protocol.geometry import TransformList
@@ -27,8 +28,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from zsight_core.cloud_file import LoadedCloud
-    from zsight_core.pcd_header import Viewpoint
+    from zsight_core.files.cloud_file import LoadedCloud
+    from zsight_core.files.pcd_header import Viewpoint
     from zsight_core.pinhole import Pinhole
     from zsight_core.points import Points
 

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from zsight_core.atomic_file import atomic_file
 from zsight_core.errors import FileError
+from zsight_core.files.atomic_file import atomic_file
 
 if TYPE_CHECKING:
     from pathlib import Path

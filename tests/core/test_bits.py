@@ -7,10 +7,10 @@ import pytest
 from scipy.spatial import ConvexHull
 from tests.core.book_scene import COKE_CAN, T_WORLD_CAMERA, TABLE_HEIGHT, TOY_BLOCK, at, cloud
 
-from zsight_core.bits import RIM
-from zsight_core.clues import clues_of
-from zsight_core.model_bits import model_bits
 from zsight_core.scene import understand
+from zsight_core.search.bits import RIM
+from zsight_core.search.clues import clues_of
+from zsight_core.search.model_bits import model_bits
 from zsight_core.solid import Solid, solid_of
 
 pytestmark = pytest.mark.usefixtures("warm_kernels")

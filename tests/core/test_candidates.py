@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 from tests.core import book_scene as book
 
-from zsight_core import candidates
-from zsight_core.candidates import Candidate, Candidates
-from zsight_core.clues import Hypothesis
-from zsight_core.mesh_file import read
+from zsight_core.files.mesh_file import read
 from zsight_core.model import ObjectModel
 from zsight_core.scene import go_on, understand
+from zsight_core.search import candidates
+from zsight_core.search.candidates import Candidate, Candidates
+from zsight_core.search.clues import Hypothesis
+from zsight_core.search.verify import Evidence
 from zsight_core.simulation.kinect import Kinect
 from zsight_core.transform import from_rpy, inverse
-from zsight_core.verify import Evidence
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from zsight_core.claims import Claim, claimed, consistent, contradict
 from zsight_core.model import Box
+from zsight_core.search.claims import Claim, claimed, consistent, contradict
 from zsight_core.solid import solid_of
 from zsight_core.transform import from_rpy
 

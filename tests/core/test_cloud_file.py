@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from zsight_core import cloud_file, pcd, ply
 from zsight_core.ellipse import ellipse
 from zsight_core.errors import FileError
+from zsight_core.files import cloud_file, pcd, ply
 
 if TYPE_CHECKING:
     from pathlib import Path

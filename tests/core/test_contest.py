@@ -10,10 +10,10 @@ import pytest
 from tests.core import book_scene as book
 
 from zsight_core import find as finder
-from zsight_core.contest import NOBODY, TELLING, lead, mark
-from zsight_core.mesh_file import read
+from zsight_core.files.mesh_file import read
 from zsight_core.model import Box, Mesh, ObjectModel
 from zsight_core.render import draw, face_planes, place
+from zsight_core.search.contest import NOBODY, TELLING, lead, mark
 from zsight_core.simulation.kinect import Kinect
 from zsight_core.solid import solid_of
 from zsight_core.transform import from_rpy, inverse, transform_xyz

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from zsight_core import depth_camera
-from zsight_core.depth_camera import DepthCamera
 from zsight_core.errors import FileError
+from zsight_core.files import depth_camera
+from zsight_core.files.depth_camera import DepthCamera
 from zsight_core.pinhole import Pinhole
 
 if TYPE_CHECKING:

@@ -11,8 +11,8 @@ from tests.core import book_scene as book
 
 from zsight_core import find as finder
 from zsight_core.errors import Cancelled, PointsError
+from zsight_core.files.pcd import read as read_pcd
 from zsight_core.model import Mesh, ObjectModel, Sphere
-from zsight_core.pcd import read as read_pcd
 from zsight_core.points import from_xyz, xyz
 from zsight_core.scene import understand
 from zsight_core.simulation.kinect import Kinect

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from zsight_core import lzf
+from zsight_core.files import lzf
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

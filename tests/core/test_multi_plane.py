@@ -10,8 +10,8 @@ from tests.core import book_scene as book
 from tests.core import plain_planes
 from tests.core.clouds import LAYOUTS, in_layout
 
-from zsight_core import pcd
 from zsight_core.errors import GeometryError, PointsError
+from zsight_core.files import pcd
 from zsight_core.multi_plane import planes_of_image
 from zsight_core.points import from_xyz, xyz
 from zsight_core.rigid import transform_points

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from zsight_core.number_rows import TAIL, Column, RowsError, columns_of, format_rows, parse_rows
+from zsight_core.files.number_rows import TAIL, Column, RowsError, columns_of, format_rows, parse_rows
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

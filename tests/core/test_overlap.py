@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 from scipy.spatial import ConvexHull
 
 from zsight_core.model import Box, Cylinder, Mesh, Shape, Sphere
-from zsight_core.overlap import _hull, hull_area, shared
+from zsight_core.search.overlap import _hull, hull_area, shared
 from zsight_core.solid import solid_of
 from zsight_core.transform import from_rpy
 

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from zsight_core import pcd
 from zsight_core.ellipse import ellipse
 from zsight_core.errors import FileError, PointsError
+from zsight_core.files import pcd
 from zsight_core.points import XYZ, XYZRGB, Points, colours
 
 if TYPE_CHECKING:

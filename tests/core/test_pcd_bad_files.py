@@ -10,9 +10,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from zsight_core import pcd
 from zsight_core.ellipse import ellipse
 from zsight_core.errors import FileError
+from zsight_core.files import pcd
 
 if TYPE_CHECKING:
     from pathlib import Path

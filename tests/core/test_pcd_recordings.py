@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from zsight_core import open3d_module, pcd
+from zsight_core import open3d_module
 from zsight_core.ellipse import ellipse
+from zsight_core.files import pcd
 from zsight_core.points import Points, colours, xyz
 
 if TYPE_CHECKING:

@@ -10,8 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from zsight_core import depth_image, pcd, pinhole
+from zsight_core import depth_image, pinhole
 from zsight_core.errors import GeometryError, PointsError
+from zsight_core.files import pcd
 from zsight_core.pinhole import Distortion, Pinhole
 from zsight_core.points import Points, from_xyz, xyz
 from zsight_core.transform import from_rpy, transform_xyz

@@ -10,16 +10,16 @@ import pytest
 from tests.core import book_scene as book
 
 from zsight_core import find as finder
-from zsight_core import recognise
-from zsight_core.clues import Hypothesis
 from zsight_core.scene import understand
+from zsight_core.search import recognise
+from zsight_core.search.clues import Hypothesis
 from zsight_core.transform import inverse
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from zsight_core.clues import Clues
     from zsight_core.model import Shape
+    from zsight_core.search.clues import Clues
 
 pytestmark = pytest.mark.usefixtures("warm_kernels")
 

@@ -10,9 +10,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from zsight_core import open3d_module, ply
+from zsight_core import open3d_module
 from zsight_core.ellipse import ellipse
 from zsight_core.errors import FileError, PointsError
+from zsight_core.files import ply
 from zsight_core.points import XYZRGB, Points, colours, xyz
 
 if TYPE_CHECKING:

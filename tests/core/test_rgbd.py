@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from zsight_core import rgbd
-from zsight_core.depth_camera import DepthCamera
 from zsight_core.errors import FileError
+from zsight_core.files import rgbd
+from zsight_core.files.depth_camera import DepthCamera
 from zsight_core.pinhole import Pinhole
 from zsight_core.points import Points, colours, xyz
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from tests.core import book_scene as book
 
-from zsight_core import pcd
 from zsight_core.errors import Cancelled, PointsError
+from zsight_core.files import pcd
 from zsight_core.model import Box, Cylinder, ObjectModel
 from zsight_core.points import from_xyz, xyz
 from zsight_core.scene import understand

@@ -7,9 +7,9 @@ from tests.core import book_scene as book
 
 from zsight_core import find as finder
 from zsight_core.model import Box, Cylinder, ObjectModel, Shape, Sphere
-from zsight_core.score import logit_of, probability_of
+from zsight_core.search.score import logit_of, probability_of
+from zsight_core.search.verify import Evidence
 from zsight_core.simulation.kinect import Kinect
-from zsight_core.verify import Evidence
 
 GOOD = Evidence(
     pixels=2000, match=1950, through=0, proud=0, hidden=0, unknown=50, beyond=0, edge=50, goes_on=0, nothing=0,

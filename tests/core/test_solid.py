@@ -7,9 +7,9 @@ import pytest
 
 from zsight_core.errors import ModelError
 from zsight_core.model import Box, Cylinder, Mesh, Shape, Sphere, Surface
-from zsight_core.recognise.box import stable_poses as box_poses
-from zsight_core.recognise.mesh import stable_poses as mesh_poses
 from zsight_core.render import draw, face_planes, place, region_of
+from zsight_core.search.recognise.box import stable_poses as box_poses
+from zsight_core.search.recognise.mesh import stable_poses as mesh_poses
 from zsight_core.solid import Solid, solid_of
 
 SHAPES: tuple[tuple[Shape, float], ...] = (

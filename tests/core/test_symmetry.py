@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from zsight_core.model import Box, Cylinder, Mesh, Shape, Sphere, Surface
+from zsight_core.search.symmetry import least_turned, symmetries_of
 from zsight_core.solid import solid_of
-from zsight_core.symmetry import least_turned, symmetries_of
 from zsight_core.transform import from_rpy
 
 

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from tests.core import book_scene as book
 
-from zsight_core.candidates import Candidates
-from zsight_core.clues import clues_of
 from zsight_core.errors import Cancelled
 from zsight_core.model import Box, Cylinder, Mesh, ObjectModel, Sphere
-from zsight_core.recognise import hypotheses
 from zsight_core.scene import go_on, understand
+from zsight_core.search.candidates import Candidates
+from zsight_core.search.clues import clues_of
+from zsight_core.search.recognise import hypotheses
 from zsight_core.simulation.kinect import Kinect
 from zsight_core.solid import solid_of
 from zsight_core.transform import from_rpy, inverse
@@ -21,9 +21,9 @@ from zsight_core.transform import from_rpy, inverse
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from zsight_core.clues import Hypothesis
     from zsight_core.model import Shape
     from zsight_core.scene import Scene
+    from zsight_core.search.clues import Hypothesis
 
 Z = book.TABLE_HEIGHT
 NEAR = 0.02

@@ -119,7 +119,7 @@ from pathlib import Path
 from numba.core import event
 from tests.core.clouds import random_cloud
 from tests.core.test_kernel_laws import EXACT, KERNELS, LARGE
-from zsight_core import pcd, ply
+from zsight_core.files import pcd, ply
 
 class Compiled(event.Listener):
     def on_start(self, event):

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from zsight import finding, scene_file
+from zsight import scene_file
 from zsight.catalogue import type_files
+from zsight.finding import answering
 from zsight_core.scene import go_on, understand
 from zsight_core.simulation.camera import expose
 from zsight_core.simulation.kinect import Kinect
@@ -35,7 +36,7 @@ def answers(file: scene_file.SceneFile, catalogue: Catalogue) -> list[Answer]:
         points = expose(view, scene.camera.pinhole, Kinect(), seed)
         understood = understand(points, T_world_camera=T)
         found.append(
-            finding.find(
+            answering.find(
                 points, catalogue, "toy_block", scene=understood, T_frame_camera=T, maximum=0, checkpoint=go_on
             )
         )

@@ -13,7 +13,7 @@ from tests.services.waiting import DEADLINE, Arrivals
 from zsight import camera
 from zsight.convert import points_of
 from zsight.errors import UsageError
-from zsight_core import pcd
+from zsight_core.files import pcd
 from zsight_core.points import from_xyz
 from zsight_protocol.camera_info import CameraInfo
 from zsight_protocol.channels import Delivery

@@ -25,7 +25,7 @@ from zsight.client import CellClient
 from zsight.log_book import LogBook
 from zsight.parameters import Parameters, Saved, serve_parameters
 from zsight.sources import open_source, viewpoint_matrix
-from zsight_core import pcd
+from zsight_core.files import pcd
 from zsight_core.points import colours, from_xyz, xyz
 from zsight_core.transform import from_quaternion, transform_xyz
 from zsight_protocol.channels import Cell

@@ -19,7 +19,8 @@ from zsight.recording.mcap_file import McapFile
 from zsight.recording.opening import open_recording
 from zsight.recording.recording_file import RecordingFile
 from zsight.sources import camera_info, open_source
-from zsight_core import depth_image, pcd, ply
+from zsight_core import depth_image
+from zsight_core.files import pcd, ply
 from zsight_core.pinhole import Pinhole
 from zsight_core.points import colours, xyz
 from zsight_protocol.message import Time

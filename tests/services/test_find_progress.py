@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from zsight.find_progress import FindProgress
+from zsight.finding.find_progress import FindProgress
 
 
 def told_by(stages: list[tuple[str, float]], types: int = 1) -> list[float]:

@@ -21,8 +21,8 @@ from zsight.hosts.clocks import Clock
 from zsight.offline import find_in_file
 from zsight.sources import open_source
 from zsight_core import find as find_core
-from zsight_core import pcd
 from zsight_core import scene as scene_core
+from zsight_core.files import pcd
 from zsight_core.transform import angle_between, from_rpy
 from zsight_protocol.action import GoalState
 from zsight_protocol.codec import encode

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from zsight.finding import Extrinsic, with_extrinsic
+from zsight.finding.answering import Extrinsic, with_extrinsic
 
 
 @pytest.mark.parametrize("extrinsic", [Extrinsic(0.002, 0.001), Extrinsic(0.0, 0.01), Extrinsic(0.01, 0.0)])

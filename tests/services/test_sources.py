@@ -12,8 +12,8 @@ from PIL import Image
 from zsight.convert import cloud_from_points, matrix_of
 from zsight.errors import UsageError
 from zsight.sources import open_source, pose_matrix
-from zsight_core import pcd, ply
 from zsight_core.errors import FileError
+from zsight_core.files import pcd, ply
 from zsight_core.points import colours, from_xyz, xyz
 from zsight_core.transform import from_quaternion
 from zsight_protocol.message import Time

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from zsight.tracks import REACH, Tracks
+from zsight.finding.tracks import REACH, Tracks
 
 
 def at(*places: tuple[float, float]) -> np.ndarray:

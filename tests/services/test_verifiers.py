@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from zsight import verifiers
+from zsight.finding import verifiers
 from zsight_core.find import Answer, Detection
 
 if TYPE_CHECKING:

@@ -31,7 +31,7 @@ from zsight.recording import player, recorder
 from zsight.recording.rerun import rerun
 from zsight.viewer.patches import lens_of
 from zsight.viewer.status import missing_router
-from zsight_core import pcd
+from zsight_core.files import pcd
 from zsight_core.points import colours, from_xyz, xyz
 from zsight_core.transform import from_rpy
 from zsight_protocol.channels import Cell

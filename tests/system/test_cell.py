@@ -18,7 +18,7 @@ from tests.system.commands import DEADLINE, Command, free_port, is_alive, leftov
 
 from zsight.bus.zenoh_link import open_link
 from zsight.network import Network
-from zsight_core import pcd
+from zsight_core.files import pcd
 from zsight_core.points import from_xyz
 from zsight_core.transform import from_quaternion
 

@@ -9,7 +9,8 @@ import pytest
 from tests.system.commands import run
 
 from zsight.patch_plane import plane_of_patch
-from zsight_core import cloud_file, plane
+from zsight_core import plane
+from zsight_core.files import cloud_file
 
 if TYPE_CHECKING:
     from pathlib import Path

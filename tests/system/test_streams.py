@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from tests.system.commands import DEADLINE
 
-from zsight_core import pcd
+from zsight_core.files import pcd
 from zsight_core.points import from_xyz
 
 pytestmark = pytest.mark.system

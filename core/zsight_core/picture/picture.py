@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from PIL import Image
 
-from zsight_core.atomic_file import AnyPath, atomic_file
 from zsight_core.errors import GeometryError
+from zsight_core.files.atomic_file import AnyPath, atomic_file
 from zsight_core.picture.canvas import overlay
 from zsight_core.picture.eye import Eye, Projection, own_eye
 from zsight_core.picture.shading import shade_by_depth

@@ -14,8 +14,8 @@ from zsight.bus.request_queue import RequestQueue
 from zsight.catalogue.type_files import REMOVED, Catalogue, mesh_beside, read_type, require_type_name, write_type
 from zsight.convert import pose_of
 from zsight.errors import UsageError, ZsightError
-from zsight_core.atomic_file import atomic_file
 from zsight_core.errors import CoreError
+from zsight_core.files.atomic_file import atomic_file
 from zsight_core.model import Surface, size_of
 from zsight_protocol.codec import decode, encode
 from zsight_protocol.errors import ProtocolError
@@ -242,8 +242,8 @@ def _former(kind: ObjectType, version: int, folder: Path | None) -> ObjectType:
 
 def _derived(kind: ObjectType, catalogue: Catalogue) -> Derived:
     """What follows from the shape of a type."""
+    from zsight_core.search.symmetry import symmetries_of
     from zsight_core.simulation.settle import resting_poses  # scipy comes with these, which a start need not wait for
-    from zsight_core.symmetry import symmetries_of
 
     shape = catalogue.model(kind.name).shape
     length, width, height = size_of(shape)

@@ -14,8 +14,8 @@ import yaml
 from pydantic import ValidationError
 
 from zsight.errors import UsageError
-from zsight_core.atomic_file import atomic_file
 from zsight_core.errors import CoreError
+from zsight_core.files.atomic_file import atomic_file
 from zsight_protocol.find_object import ANY_TYPE
 from zsight_protocol.object_type import ObjectType
 
@@ -276,6 +276,6 @@ def shape_of(shape: Any, folder: Path) -> Shape:
         return Sphere(shape.sphere.diameter)
     if shape.surface is not None:
         return Surface(shape.surface.minimum_area)
-    from zsight_core.mesh_file import read
+    from zsight_core.files.mesh_file import read
 
     return read(folder / shape.mesh.file, shape.mesh.scale)

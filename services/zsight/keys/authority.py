@@ -23,7 +23,7 @@ from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 from zsight.errors import UsageError
 from zsight.keys.identity import CA, CERTIFICATE, HOSTS, IDENTITY, KEY, TRUSTED, Identity, read_hosts, write_hosts
 from zsight.keys.roles import require_roles
-from zsight_core.atomic_file import atomic_file
+from zsight_core.files.atomic_file import atomic_file
 from zsight_protocol.channels import require_name
 
 if TYPE_CHECKING:

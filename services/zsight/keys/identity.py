@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from zsight.errors import UsageError
-from zsight_core.atomic_file import atomic_file
+from zsight_core.files.atomic_file import atomic_file
 
 __all__ = ["Identity", "Roster", "read_hosts", "read_identity", "write_hosts"]
 

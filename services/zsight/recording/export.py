@@ -12,8 +12,9 @@ from zsight.convert import points_of
 from zsight.errors import UsageError
 from zsight.recording.opening import open_recording
 from zsight.recording.recording_file import RecordingFile
-from zsight_core import depth_camera, depth_image, pcd, pinhole, ply
+from zsight_core import depth_image, pinhole
 from zsight_core.errors import CoreError
+from zsight_core.files import depth_camera, pcd, ply
 from zsight_core.points import colours, has_colour, is_organised
 from zsight_protocol.camera_info import CameraInfo
 from zsight_protocol.errors import ProtocolError

@@ -8,7 +8,7 @@ from zsight.errors import UsageError
 from zsight.recording.depth_clouds import DepthClouds
 from zsight.recording.mcap_recording import McapRecording
 from zsight.recording.series_recording import SeriesRecording
-from zsight_core.cloud_file import natural_order
+from zsight_core.files.cloud_file import natural_order
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from zsight import finding
 from zsight.convert import matrix_of, points_of
 from zsight.errors import ZsightError
+from zsight.finding import answering
 from zsight.recording.answers import answers
 from zsight.recording.opening import open_recording
 from zsight_core import find as find_core
@@ -111,9 +111,9 @@ def _find_again(answer: Answer, catalogue: Catalogue, limits: SceneLimits) -> Fi
     T_frame_camera = buffer.lookup(frame, camera, stamp)
     gravity = None if root == camera else buffer.lookup(root, camera, stamp)
     points = points_of(cloud)
-    known_height = finding.height_in_world(goal.known_height, frame, T_frame_camera, gravity)
+    known_height = answering.height_in_world(goal.known_height, frame, T_frame_camera, gravity)
     scene = scene_core.understand(points, T_world_camera=gravity, known_height=known_height, limits=limits)
-    found = finding.find(
+    found = answering.find(
         points,
         catalogue,
         catalogue.wanted(goal.object_type),
@@ -123,7 +123,7 @@ def _find_again(answer: Answer, catalogue: Catalogue, limits: SceneLimits) -> Fi
         maximum=goal.maximum,
         checkpoint=lambda _stage, _fraction: None,
     )
-    return finding.result_of(
+    return answering.result_of(
         found, catalogue, scene=scene, T_frame_camera=T_frame_camera, stamp=cloud.header.stamp, frame_id=frame
     )
 

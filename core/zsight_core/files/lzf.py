@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from zsight_core.eight_bytes import load, store
+from zsight_core.files.eight_bytes import load, store
 from zsight_core.jit import njit
 
 if TYPE_CHECKING:

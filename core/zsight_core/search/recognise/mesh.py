@@ -7,16 +7,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from zsight_core.recognise import votes
-from zsight_core.recognise.votes import Pose, vote
+from zsight_core.search.recognise import votes
+from zsight_core.search.recognise.votes import Pose, vote
 from zsight_core.solid import solid_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from zsight_core.clues import Clues, Hypothesis
     from zsight_core.model import Mesh
     from zsight_core.scene import Checkpoint
+    from zsight_core.search.clues import Clues, Hypothesis
 
 __all__ = ["hypotheses", "stable_poses", "turned"]
 

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any, BinaryIO, Literal, cast
 
 import numpy as np
 
-from zsight_core.atomic_file import AnyPath, atomic_file
 from zsight_core.errors import FileError, PointsError
-from zsight_core.input_file import fill, input_file, require_size
+from zsight_core.files.atomic_file import AnyPath, atomic_file
+from zsight_core.files.input_file import fill, input_file, require_size
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -107,7 +107,7 @@ def write(
 
 def warm_up() -> None:
     """Compile the kernels, or load them from the cache."""
-    from zsight_core import number_rows
+    from zsight_core.files import number_rows
 
     number_rows.warm_up()
 
@@ -205,7 +205,7 @@ def _read_binary(file: BufferedReader, header: _Header, size: int, path: AnyPath
 
 
 def _read_ascii(file: BufferedReader, header: _Header, size: int, path: AnyPath) -> Points:
-    from zsight_core import number_rows
+    from zsight_core.files import number_rows
 
     vertex = header.vertex
     lines_before = sum(element.count for element in header.before)
@@ -293,7 +293,7 @@ def _format_header(records: Points, encoding: PlyEncoding) -> bytes:
 
 def _write_rows(file: BinaryIO, records: Points, encoding: PlyEncoding) -> None:
     if encoding == "ascii":
-        from zsight_core import number_rows
+        from zsight_core.files import number_rows
 
         file.writelines(text.data for text in number_rows.format_rows(records))
         return

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from zsight_core.atomic_file import AnyPath
+    from zsight_core.files.atomic_file import AnyPath
 
 __all__ = ["Descriptor", "fill", "input_file", "require_size"]
 

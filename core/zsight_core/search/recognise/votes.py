@@ -13,20 +13,20 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from zsight_core.bits import KINDS
-from zsight_core.clues import Hypothesis, Stand
 from zsight_core.jit import njit
-from zsight_core.model_bits import LAYER, model_bits
-from zsight_core.peek import best_places
+from zsight_core.search.bits import KINDS
+from zsight_core.search.clues import Hypothesis, Stand
+from zsight_core.search.model_bits import LAYER, model_bits
+from zsight_core.search.peek import best_places
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
-    from zsight_core.clues import Clues
-    from zsight_core.model_bits import ModelBits
     from zsight_core.scene import Checkpoint
+    from zsight_core.search.clues import Clues
+    from zsight_core.search.model_bits import ModelBits
     from zsight_core.solid import Solid
 
 __all__ = ["Pose", "turned", "vote", "warm_up"]

@@ -9,17 +9,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from zsight_core import depth_image
-from zsight_core.cloud_file import natural_order
 from zsight_core.errors import FileError
-from zsight_core.input_file import input_file
+from zsight_core.files.cloud_file import natural_order
+from zsight_core.files.input_file import input_file
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from numpy.typing import NDArray
 
-    from zsight_core.atomic_file import AnyPath
-    from zsight_core.depth_camera import DepthCamera
+    from zsight_core.files.atomic_file import AnyPath
+    from zsight_core.files.depth_camera import DepthCamera
     from zsight_core.points import Points
 
 __all__ = ["RgbdPair", "list_pairs", "read"]

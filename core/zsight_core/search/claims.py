@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from zsight_core.jit import njit
-from zsight_core.overlap import shared
 from zsight_core.render import draw, face_planes, place, region_of
+from zsight_core.search.overlap import shared
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

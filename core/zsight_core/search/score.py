@@ -16,7 +16,7 @@ from math import exp, log, sqrt
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from zsight_core.verify import Evidence
+    from zsight_core.search.verify import Evidence
 
 __all__ = ["logit_of", "probability", "probability_of"]
 

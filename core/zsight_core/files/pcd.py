@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any, BinaryIO, Literal, cast
 
 import numpy as np
 
-from zsight_core.atomic_file import AnyPath, atomic_file
 from zsight_core.errors import FileError, PointsError
-from zsight_core.input_file import Descriptor, fill, require_size
-from zsight_core.pcd_header import LEVEL, Field, Header, Viewpoint, format_header, read_header
+from zsight_core.files.atomic_file import AnyPath, atomic_file
+from zsight_core.files.input_file import Descriptor, fill, require_size
+from zsight_core.files.pcd_header import LEVEL, Field, Header, Viewpoint, format_header, read_header
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -87,7 +87,7 @@ def write(
 
 def warm_up() -> None:
     """Compile the kernels of all encodings, or load them from the cache."""
-    from zsight_core import field_columns, lzf, number_rows
+    from zsight_core.files import field_columns, lzf, number_rows
 
     field_columns.warm_up()
     lzf.warm_up()
@@ -105,7 +105,7 @@ def _read_binary(opened: int, header: Header, at: int, size: int, path: AnyPath)
 
 
 def _read_compressed(opened: int, header: Header, at: int, size: int, path: AnyPath) -> Points:
-    from zsight_core import field_columns, lzf
+    from zsight_core.files import field_columns, lzf
 
     packed_size, data_size = _compressed_sizes(opened, at, path)
     expected = header.count * header.record_size
@@ -123,7 +123,7 @@ def _read_compressed(opened: int, header: Header, at: int, size: int, path: AnyP
 
 
 def _read_ascii(opened: int, header: Header, at: int, size: int, path: AnyPath) -> Points:
-    from zsight_core import number_rows
+    from zsight_core.files import number_rows
 
     columns = _columns(header)
     require_size(size, number_rows.least_bytes(header.count, len(columns)), path)
@@ -151,7 +151,7 @@ def _compressed_sizes(opened: int, at: int, path: AnyPath) -> tuple[int, int]:
 
 def _columns(header: Header) -> list[Any]:
     """Each number of an ascii row; a colour is read as the type that the file gives it."""
-    from zsight_core.number_rows import Column
+    from zsight_core.files.number_rows import Column
 
     return [
         Column(field.type, -1 if field.is_padding else at + k * field.size)
@@ -202,7 +202,7 @@ def _write_binary(file: BinaryIO, header: Header, packed: Points, path: AnyPath)
 
 
 def _write_compressed(file: BinaryIO, header: Header, packed: Points, path: AnyPath) -> None:
-    from zsight_core import field_columns, lzf
+    from zsight_core.files import field_columns, lzf
 
     if packed.nbytes >= _LARGEST_COMPRESSED:
         raise FileError(path, f"{packed.nbytes} bytes are too much for binary_compressed; write it as binary")
@@ -213,7 +213,7 @@ def _write_compressed(file: BinaryIO, header: Header, packed: Points, path: AnyP
 
 
 def _write_ascii(file: BinaryIO, header: Header, packed: Points, path: AnyPath) -> None:  # noqa: ARG001  as the others
-    from zsight_core import number_rows
+    from zsight_core.files import number_rows
 
     numbers = np.dtype([(field.name, f"<{field.type}", (field.count,)) for field in header.fields])  # rgb: U
     file.writelines(text.data for text in number_rows.format_rows(packed.view(numbers)))

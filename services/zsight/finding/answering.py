@@ -9,7 +9,7 @@ import numpy as np
 
 from zsight.convert import pose_of, vector
 from zsight.errors import UsageError
-from zsight.verifiers import verified
+from zsight.finding.verifiers import verified
 from zsight_core.points import xyz
 from zsight_core.transform import inverse, transform_xyz
 from zsight_protocol.find_object import (

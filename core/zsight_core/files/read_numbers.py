@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from zsight_core.eight_bytes import load
+from zsight_core.files.eight_bytes import load
+from zsight_core.files.number_kinds import BYTE, DOUBLE, FLOAT, POWERS, SIGNED, SIZES, TENS, UINT32, UNSIGNED
 from zsight_core.jit import njit
-from zsight_core.number_kinds import BYTE, DOUBLE, FLOAT, POWERS, SIGNED, SIZES, TENS, UINT32, UNSIGNED
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

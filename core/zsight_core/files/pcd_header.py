@@ -16,7 +16,7 @@ from zsight_core.errors import FileError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from zsight_core.atomic_file import AnyPath
+    from zsight_core.files.atomic_file import AnyPath
 
 __all__ = ["ENCODINGS", "LEVEL", "Field", "Header", "Viewpoint", "format_header", "read_header"]
 

@@ -17,16 +17,16 @@ from functools import cache
 from importlib import metadata
 from typing import TYPE_CHECKING, Any
 
-from zsight_core.clues import NOTHING
 from zsight_core.model import Box, Cylinder, Mesh, Shape, Sphere
-from zsight_core.recognise import box, cylinder, mesh, sphere
 from zsight_core.scene import go_on
+from zsight_core.search.clues import NOTHING
+from zsight_core.search.recognise import box, cylinder, mesh, sphere
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from zsight_core.clues import Clues, Hypothesis
     from zsight_core.scene import Checkpoint
+    from zsight_core.search.clues import Clues, Hypothesis
 
 __all__ = ["GROUP", "hypotheses", "plugged", "prepare", "turned"]
 

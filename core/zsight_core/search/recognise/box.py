@@ -6,15 +6,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from zsight_core.recognise.votes import Pose, vote
+from zsight_core.search.recognise.votes import Pose, vote
 from zsight_core.solid import solid_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from zsight_core.clues import Clues, Hypothesis
     from zsight_core.model import Box
     from zsight_core.scene import Checkpoint
+    from zsight_core.search.clues import Clues, Hypothesis
 
 __all__ = ["hypotheses", "stable_poses"]
 

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from zsight_core.bits import CLASS_WIDTH, KINDS, RIM, STEEP_CELL
 from zsight_core.jit import njit
+from zsight_core.search.bits import CLASS_WIDTH, KINDS, RIM, STEEP_CELL
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -9,8 +9,8 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from zsight_core.bits import Bits, bits_of
 from zsight_core.jit import njit
+from zsight_core.search.bits import Bits, bits_of
 from zsight_core.transform import inverse
 
 if TYPE_CHECKING:

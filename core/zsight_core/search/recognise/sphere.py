@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from zsight_core.recognise.votes import Pose, vote
+from zsight_core.search.recognise.votes import Pose, vote
 from zsight_core.solid import solid_of
 
 if TYPE_CHECKING:
-    from zsight_core.clues import Clues, Hypothesis
     from zsight_core.model import Sphere
     from zsight_core.scene import Checkpoint
+    from zsight_core.search.clues import Clues, Hypothesis
 
 __all__ = ["hypotheses"]
 

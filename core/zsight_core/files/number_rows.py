@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from zsight_core import read_numbers, spell_numbers
-from zsight_core.number_kinds import KINDS
-from zsight_core.read_numbers import TAIL
+from zsight_core.files import read_numbers, spell_numbers
+from zsight_core.files.number_kinds import KINDS
+from zsight_core.files.read_numbers import TAIL
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

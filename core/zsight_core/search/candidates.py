@@ -13,18 +13,18 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from zsight_core import refine, verify
-from zsight_core.claims import ROOM_SHARED, Claim, claimed, contradict
-from zsight_core.clues import Clues, Hypothesis, clues_of
-from zsight_core.contest import NOBODY, lead
-from zsight_core.contour import MOST
 from zsight_core.jit import njit
 from zsight_core.model import Mesh, Sphere, size_of
-from zsight_core.overlap import shared
-from zsight_core.recognise import hypotheses, turned
-from zsight_core.score import logit_of, probability
+from zsight_core.search import refine, verify
+from zsight_core.search.claims import ROOM_SHARED, Claim, claimed, contradict
+from zsight_core.search.clues import Clues, Hypothesis, clues_of
+from zsight_core.search.contest import NOBODY, lead
+from zsight_core.search.contour import MOST
+from zsight_core.search.overlap import shared
+from zsight_core.search.recognise import hypotheses, turned
+from zsight_core.search.score import logit_of, probability
+from zsight_core.search.verify import Evidence
 from zsight_core.solid import Solid, solid_of
-from zsight_core.verify import Evidence
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from zsight_core.contour import MOST, SPACING, scan
 from zsight_core.jit import njit
 from zsight_core.render import draw, face_planes, moved_planes, place, product, region_of
+from zsight_core.search.contour import MOST, SPACING, scan
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

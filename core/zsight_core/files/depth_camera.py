@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from zsight_core.errors import FileError, GeometryError
-from zsight_core.input_file import input_file
+from zsight_core.files.input_file import input_file
 from zsight_core.pinhole import Distortion, Pinhole
 
 if TYPE_CHECKING:
-    from zsight_core.atomic_file import AnyPath
+    from zsight_core.files.atomic_file import AnyPath
 
 __all__ = ["FILE_NAMES", "DepthCamera", "find", "read"]
 

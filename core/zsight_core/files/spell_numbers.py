@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from zsight_core.eight_bytes import store
+from zsight_core.files.eight_bytes import store
+from zsight_core.files.number_kinds import FLOAT, POWERS, SIZES, TENS, TEXT, UNSIGNED
 from zsight_core.jit import njit
-from zsight_core.number_kinds import FLOAT, POWERS, SIZES, TENS, TEXT, UNSIGNED
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

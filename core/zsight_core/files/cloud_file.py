@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from zsight_core import pcd, ply
 from zsight_core.errors import FileError
-from zsight_core.pcd_header import LEVEL, Viewpoint
+from zsight_core.files import pcd, ply
+from zsight_core.files.pcd_header import LEVEL, Viewpoint
 
 if TYPE_CHECKING:
-    from zsight_core.atomic_file import AnyPath
+    from zsight_core.files.atomic_file import AnyPath
     from zsight_core.points import Points
 
 __all__ = ["SUFFIXES", "LoadedCloud", "list_clouds", "natural_order", "read"]
