@@ -76,7 +76,7 @@ def test_a_folder_that_is_not_there_is_a_clear_error(tmp_path: Path) -> None:
 def test_binary_files_take_no_numba(tmp_path: Path) -> None:
     code = (
         "import sys; sys.modules['numba'] = None\n"
-        "from zsight_core import cloud_file, pcd, ply\n"
+        "from zsight_core.files import cloud_file, pcd, ply\n"
         "from zsight_core.ellipse import ellipse\n"
         f"folder = {str(tmp_path)!r}\n"
         "pcd.write(f'{folder}/a.pcd', ellipse()); ply.write(f'{folder}/a.ply', ellipse())\n"

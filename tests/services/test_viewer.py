@@ -181,8 +181,10 @@ def test_the_cloud_is_drawn(page: Page) -> None:
 
 def test_a_rectangle_publishes_what_is_seen_and_the_plane_lights_up(page: Page, scene: Scene) -> None:
     tab(page, "Select")
+    expect(page.get_by_label("Connected only")).to_be_enabled()  # settings are known, and no stage is drawn for it
     page.get_by_role("button", name="Select a rectangle").click()
     expect(page.get_by_text("Drag a rectangle")).to_be_visible()
+    assert soon(lambda: count_near(pixels(page), RED) > 5000, PATIENCE)
     image = np.abs(pixels(page) - np.array(RED)).max(axis=2) < 12
     rows, columns = np.flatnonzero(image.any(axis=1)), np.flatnonzero(image.any(axis=0))
     left, right = float(columns[0] - 40), float(columns[-1] + 40)

@@ -42,6 +42,7 @@ class Tuning:
         self._server, self._known, self._clouds, self._selection = server, known, clouds, selection
         self._changed: dict[str, Any] = {}
         self._seen: tuple[bool, Patch | None] = (False, None)
+        self._in_use = False  # clouds are held for other things, too, over which no stage is drawn
         self._lock = threading.RLock()
         gui = server.gui
         self._hold = gui.add_button(_FREEZE, hint="Changes are shown on this very cloud")
@@ -50,8 +51,8 @@ class Tuning:
         self._folder = gui.add_folder("Settings")
         self._words = gui.add_markdown("")
         self._save = gui.add_button("Save as this process's settings", hint="They hold after it was started again too")
-        self._hold.on_click(lambda _: self._clouds.hold(not self._clouds.held))
-        self._process.on_update(lambda _: self._choose())
+        self._hold.on_click(lambda _: self._hold_or_go_on())
+        self._process.on_update(lambda event: self._choose(by_hand=event.client is not None))
         self._save.on_click(lambda _: self._keep())
         self._choose()
 
@@ -72,8 +73,13 @@ class Tuning:
             self._hold.label = _GO_ON if self._clouds.held else _FREEZE
             self._show()
 
-    def _choose(self) -> None:
+    def _hold_or_go_on(self) -> None:
+        self._in_use = not self._clouds.held
+        self._clouds.hold(self._in_use)
+
+    def _choose(self, *, by_hand: bool = False) -> None:
         with self._lock:
+            self._in_use |= by_hand
             for child in tuple(self._folder._children.values()):  # noqa: SLF001  viser has no other way to empty one
                 child.remove()
             self._changed.clear()
@@ -92,6 +98,7 @@ class Tuning:
 
     def _set(self, parameter: Parameter, value: Any) -> None:
         with self._lock:
+            self._in_use = True
             try:
                 words = self._known.set(str(self._process.value), parameter.name, value)
             except ZsightError as error:
@@ -116,9 +123,10 @@ class Tuning:
             self._changed.clear()
 
     def _show(self) -> None:
-        """What comes of the held cloud; nothing while the clouds go on."""
+        """What comes of the held cloud; nothing while the clouds go on, or are held for something else."""
         with self._lock:
-            if self._clouds.held:
+            self._in_use &= self._clouds.held
+            if self._in_use:
                 self._preview.show(*self.chosen())
             else:
                 self._preview.clear()
