@@ -353,9 +353,7 @@ class FindObject:
             handle.known = result_of(Answer("found", tuple(sure), 1.0)) if sure else None
             raise
         self._scenes.tell(scene, answer.explained)
-        result = result_of(answer)
-        if not result.objects and goal.region is not None:
-            result = answering.of_region(result, goal.region, points_of(cloud), T_frame_camera)
+        result = answering.of_region(result_of(answer), goal.region, points_of(cloud), T_frame_camera)
         return self._with_circumstances(result, handle, cloud, waited)
 
     def _ids(self, answer: Answer, cloud: PointCloud2) -> list[str]:

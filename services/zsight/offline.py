@@ -103,8 +103,7 @@ def find_in_file(
         finder="in-process",
         extrinsic=None if T_world_camera is None else answering.Extrinsic(),
     )
-    if region is not None and not result.objects:
-        result = answering.of_region(result, region, points, T_frame_camera)
+    result = answering.of_region(result, region, points, T_frame_camera)
     if picture is not None:
         from zsight.pictures import draw_answer
 

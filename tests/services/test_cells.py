@@ -14,6 +14,7 @@ from tests.services.waiting import DEADLINE
 from zsight.cli import cells
 from zsight.errors import ConnectionLost, NobodyAnswers, UsageError
 from zsight.network import Network
+from zsight.own_files import open_own
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -70,7 +71,7 @@ def test_a_file_of_another_user_is_refused(act: Callable[[Network], object], mon
 def test_who_looks_keeps_no_cell_from_starting_and_is_no_cell() -> None:
     path = cells._pid_path(NETWORK)
     path.touch()
-    with cells._own_file(path) as looking, ThreadPoolExecutor() as threads:
+    with open_own(path) as looking, ThreadPoolExecutor() as threads:
         assert cells._lock(looking, fcntl.LOCK_SH)
         assert not cells._is_held(path)
         noted = threads.submit(note, NETWORK)

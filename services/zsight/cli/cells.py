@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-import stat
 import threading
 import time
 from contextlib import suppress
@@ -19,6 +18,8 @@ from zsight.cli.output import print_json, print_table, say
 from zsight.cli.running import require_warm
 from zsight.errors import ConnectionLost, NobodyAnswers, UsageError, ZsightError
 from zsight.network import endpoints_given
+from zsight.own_files import folder as own_folder
+from zsight.own_files import open_own
 from zsight.stop_signals import stop_signals
 
 if TYPE_CHECKING:
@@ -105,7 +106,7 @@ def down(connect: Connect = None, namespace: Namespace = None) -> None:
     """Stop what "zsight up" started on this host."""
     network = network_of(connect, namespace)
     path = _running(network)
-    with _own_file(path) as file:
+    with open_own(path) as file:
         pid = int(file.read())
     os.kill(pid, signal.SIGTERM)
     deadline = time.monotonic() + 5.0
@@ -136,12 +137,9 @@ def _reachable(endpoint: str) -> str:
 
 def _pid_path(network: Network, endpoint: str | None = None) -> Path:
     """Where the number of the process that holds a cell is noted: one file a namespace and router."""
-    import tempfile
-
-    folder = os.environ.get("XDG_RUNTIME_DIR") or tempfile.gettempdir()
     user = os.getuid() if hasattr(os, "getuid") else "user"
     router = (endpoint or network.connect[0]).replace("/", "_")
-    return Path(folder) / f"zsight-{user}-{network.namespace}@{router}.pid"
+    return own_folder() / f"zsight-{user}-{network.namespace}@{router}.pid"
 
 
 def _running(network: Network) -> Path:
@@ -164,33 +162,11 @@ def _running(network: Network) -> Path:
     return running[0]
 
 
-def _own_file(path: Path, flags: int = 0) -> IO[bytes]:
-    """A file of this user, open; others may put links and files of theirs where it is expected.
-
-    Raises:
-        UsageError: it is not this user's own.
-        FileNotFoundError: it is not there, and flags do not ask for it to be made.
-    """
-    problem = f"{path} is no file of this user's own: remove it, or set XDG_RUNTIME_DIR to a folder that is"
-    try:
-        handle = os.open(path, os.O_RDWR | os.O_NOFOLLOW | flags, 0o600)
-    except FileNotFoundError:
-        raise
-    except OSError as error:
-        raise UsageError(f"{problem} ({error.strerror})") from None
-    file = os.fdopen(handle, "r+b", buffering=0)
-    state = os.fstat(handle)
-    if state.st_uid != os.getuid() or not stat.S_ISREG(state.st_mode):
-        file.close()
-        raise UsageError(problem)
-    return file
-
-
 def _is_held(path: Path) -> bool:
     """Whether the process that a pid file names still holds its lock; its number may be another process's by now."""
     import fcntl
 
-    with suppress(FileNotFoundError), _own_file(path) as file:
+    with suppress(FileNotFoundError), open_own(path) as file:
         return not _lock(file, fcntl.LOCK_SH)
     return False
 
@@ -211,7 +187,7 @@ def _held(path: Path) -> IO[bytes] | None:
     import fcntl
 
     while True:
-        file = _own_file(path, os.O_CREAT)
+        file = open_own(path, os.O_CREAT)
         if _lock(file, fcntl.LOCK_EX):
             with suppress(FileNotFoundError):
                 if os.path.samestat(os.fstat(file.fileno()), path.lstat()):  # not what a cell that ended took away
@@ -258,7 +234,7 @@ def _detach(network: Network) -> None:
         raise _is_up(network)
     path = pid_path.with_suffix(".log")
     with suppress(FileNotFoundError):
-        _own_file(path).close()
+        open_own(path).close()
     arguments = [argument for argument in sys.argv[1:] if argument not in ("-d", "--detach")]
     # Others may start the same cell now: the log is this start's own until the cell is up.
     handle, name = tempfile.mkstemp(prefix=f"{path.stem}-", suffix=".log", dir=path.parent)

@@ -164,16 +164,18 @@ def result_of(
 
 
 def of_region(
-    result: FindObjectResult, region: Region, points: Points, T_frame_camera: NDArray[np.float64]
+    result: FindObjectResult, region: Region | None, points: Points, T_frame_camera: NDArray[np.float64]
 ) -> FindObjectResult:
-    """An answer without objects, for a region of its frame: where nothing was measured nobody knows what is there.
+    """An answer for a region of its frame: where nothing was found, nor measured, nobody knows what is there.
 
     Args:
         result: what was answered.
-        region: where was looked.
+        region: where was looked; None: everywhere.
         points: (H, W) cloud, camera frame, metres.
         T_frame_camera: (4, 4) where the camera is in the frame of the answer.
     """
+    if region is None or result.objects:
+        return result
     seen = transform_xyz(T_frame_camera, xyz(points).reshape(-1, 3))
     if ((seen >= region.low) & (seen <= region.high)).all(axis=1).any():
         return result

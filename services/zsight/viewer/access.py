@@ -6,17 +6,17 @@ import ipaddress
 import os
 import secrets
 import stat
-import tempfile
 from dataclasses import dataclass
 from http import HTTPStatus
-from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import parse_qs, urlsplit
 
+from zsight import own_files
 from zsight.errors import UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+    from pathlib import Path
 
 __all__ = ["SAFETY_HEADERS", "Gate", "Refusal", "kept_token"]
 
@@ -100,8 +100,7 @@ def kept_token(port: int) -> str:
     Raises:
         UsageError: its file is not this user's own.
     """
-    folder = Path(os.environ.get("XDG_RUNTIME_DIR") or tempfile.gettempdir())
-    path = folder / f"zsight-{os.getuid()}-view-{port}.token"
+    path = own_files.folder() / f"zsight-{os.getuid()}-view-{port}.token"
     try:
         handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
     except FileExistsError:
@@ -113,12 +112,10 @@ def kept_token(port: int) -> str:
 
 
 def _read_own(path: Path) -> str:
-    handle = os.open(path, os.O_RDONLY | os.O_NOFOLLOW)
-    with os.fdopen(handle, encoding="ascii") as file:
-        state = os.fstat(file.fileno())
-        if state.st_uid != os.getuid() or stat.S_IMODE(state.st_mode) & 0o077:
+    with own_files.open_own(path) as file:
+        if stat.S_IMODE(os.fstat(file.fileno()).st_mode) & 0o077:
             raise UsageError(f"{path} can be read by others: remove it, or give a token of your own")
-        token = file.read().strip()
+        token = file.read().decode("ascii").strip()
     if not token:
         raise UsageError(f"{path} is empty: remove it")
     return token
